@@ -1,0 +1,3 @@
+"""The laboratory: instruments, safety, measurement and the command line."""
+
+__version__ = "0.1.0"

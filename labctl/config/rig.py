@@ -1,0 +1,107 @@
+"""The rig as its configuration file describes it: instruments, addresses, limits, markers."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+PressureUnit = Literal["psi", "kPa", "bar", "mbar"]
+Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+
+
+@dataclass(frozen=True)
+class RegulatorConfig:
+    """A pressure regulator. `model` "PCD" has two valves and can exhaust; "PC" has one and cannot.
+
+    `unit_id` is the letter of the ASCII protocol, `device_id` the number on Modbus; `pressure_unit` is the
+    unit that the device itself is set to.
+    """
+
+    name: str
+    driver: Literal["alicat-ascii", "alicat-modbus"]
+    model: Literal["PC", "PCD"]
+    port: str
+    baudrate: int
+    unit_id: str
+    device_id: int
+    pressure_unit: PressureUnit
+    timeout_s: float
+
+
+@dataclass(frozen=True)
+class ValvesConfig:
+    """A bank of relays that switch the vacuum valves; channels count from 1, as printed on the board.
+
+    `port` and `baudrate` count for transport "rtu", `host` and `tcp_port` for "tcp". `dump_channel` is the
+    channel of a normally-open dump valve (on = closed), None where there is none.
+    """
+
+    name: str
+    driver: Literal["waveshare-relay"]
+    transport: Literal["rtu", "tcp"]
+    port: str
+    baudrate: int
+    host: str
+    tcp_port: int
+    device_id: int
+    channels: int
+    dump_channel: int | None
+    timeout_s: float
+
+
+@dataclass(frozen=True)
+class MarkerPoint:
+    """A marker and the point of the uninflated sheet that it sits on, in the sheet frame."""
+
+    id: int
+    x_mm: float
+    y_mm: float
+
+
+@dataclass(frozen=True)
+class MarkersConfig:
+    """A marker stream. `server_number` N means TCP port 8000 + N.
+
+    `up` is the axis of the instrument's frame that points away from the table; `length_unit_mm` is one of
+    the instrument's length units in mm.
+    """
+
+    name: str
+    driver: Literal["phasespace"]
+    host: str
+    server_number: int
+    frequency_hz: float
+    up: Axis
+    length_unit_mm: float
+    points: tuple[MarkerPoint, ...]
+    timeout_s: float
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the rig may do, and when the supervisor ends it."""
+
+    max_pressure_psi: float = 4.0
+    warn_pressure_psi: float = 4.1
+    trip_pressure_psi: float = 4.3
+    safe_pressure_psi: float = 0.3
+    hold_tolerance_psi: float = 0.1
+    ramp_psi_per_s: float = 1.0
+    settle_s: float = 3.0
+    settle_timeout_s: float = 30.0
+    capture_s: float = 1.0
+    stale_after_s: float = 0.5
+    heartbeat_s: float = 1.0
+    vent_timeout_s: float = 10.0
+
+
+@dataclass(frozen=True)
+class RigConfig:
+    """One rig. `speed` is how fast its time runs against the wall's: 1 for real instruments, always."""
+
+    name: str
+    source: str
+    simulated: bool
+    speed: float
+    regulator: RegulatorConfig
+    valves: ValvesConfig
+    markers: MarkersConfig
+    limits: Limits

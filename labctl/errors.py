@@ -1,0 +1,63 @@
+"""What can go wrong, and the exit code that each kind ends a command with.
+
+Two families: `BadInput` (exit 2) is something that the person at the keyboard can mend before anything moves;
+every other `LabError` (exit 1) happened while the laboratory was working.
+"""
+
+
+class LabError(Exception):
+    """A failure with a message for the user: what, which value, which limit, what to do next."""
+
+    exit_code = 1
+
+
+class BadInput(LabError):
+    """Input that cannot be used: an argument, a file, a rig that is not there."""
+
+    exit_code = 2
+
+
+class RigUnavailable(BadInput):
+    """An instrument could not be opened or identified; nothing was energised."""
+
+
+class InstrumentError(LabError):
+    """An instrument or its link failed."""
+
+
+class LinkDown(InstrumentError):
+    """The port or socket is absent, was closed, or broke."""
+
+
+class NoAnswer(InstrumentError):
+    """No complete reply came before the deadline."""
+
+
+class GarbledReply(InstrumentError):
+    """Bytes came that are not the reply that the manual describes."""
+
+
+class InstrumentRefused(InstrumentError):
+    """The instrument answered, and the answer was an error."""
+
+
+class ReadBackMismatch(InstrumentError):
+    """What was read back is not what was written: the write does not count."""
+
+
+class SetpointOutOfRange(InstrumentError):
+    """A setpoint outside the driver's own bounds; no byte was sent."""
+
+
+class Tripped(LabError):
+    """The supervisor has vented the rig and latched; it stays so until reset."""
+
+
+class Unsafe(LabError):
+    """SAFE could not be read back from the instruments."""
+
+
+class Stopped(LabError):
+    """The operator stopped the run; the rig was taken to SAFE."""
+
+    exit_code = 130
