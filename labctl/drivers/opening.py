@@ -1,0 +1,83 @@
+"""From configuration to drivers: the one place that knows which class a `driver = ...` line means."""
+
+from labctl.clock import Clock
+from labctl.config.rig import Limits, MarkersConfig, RegulatorConfig, ValvesConfig
+from labctl.drivers.alicat_ascii import AlicatAscii
+from labctl.drivers.alicat_modbus import AlicatModbus
+from labctl.drivers.phasespace import PhaseSpace
+from labctl.drivers.waveshare_relay import WaveshareRelay
+from labctl.instruments import MarkerSource, PressureRegulator, ValveBank
+from labctl.links.modbus_link import open_modbus_serial, open_modbus_tcp
+from labctl.links.serial_link import SerialLink
+from labctl.links.tcp_stream import TcpStream
+
+_PHASESPACE_BASE_PORT = 8000
+
+
+def open_regulator(config: RegulatorConfig, limits: Limits, clock: Clock) -> PressureRegulator:
+    """Open the regulator's port; nothing is sent.
+
+    Raises:
+        LinkDown: the port is absent or in use.
+    """
+    dual_valve = config.model == "PCD"
+    if config.driver == "alicat-ascii":
+        return AlicatAscii(
+            SerialLink(config.port, baudrate=config.baudrate, clock=clock, name=config.name),
+            unit_id=config.unit_id,
+            pressure_unit=config.pressure_unit,
+            max_setpoint_psi=limits.max_pressure_psi,
+            dual_valve=dual_valve,
+            name=config.name,
+            timeout_s=config.timeout_s,
+        )
+    return AlicatModbus(
+        open_modbus_serial(config.port, config.baudrate, clock, config.name),
+        device_id=config.device_id,
+        pressure_unit=config.pressure_unit,
+        max_setpoint_psi=limits.max_pressure_psi,
+        dual_valve=dual_valve,
+        name=config.name,
+        timeout_s=config.timeout_s,
+    )
+
+
+def open_valves(config: ValvesConfig, clock: Clock) -> ValveBank:
+    """Open the valve bank's port; nothing is sent.
+
+    Raises:
+        LinkDown: the port or host is absent or in use.
+    """
+    if config.transport == "rtu":
+        link = open_modbus_serial(config.port, config.baudrate, clock, config.name)
+    else:
+        link = open_modbus_tcp(config.host, config.tcp_port, clock, config.name)
+    return WaveshareRelay(
+        link,
+        device_id=config.device_id,
+        channels=config.channels,
+        name=config.name,
+        timeout_s=config.timeout_s,
+    )
+
+
+def open_markers(config: MarkersConfig, clock: Clock) -> MarkerSource:
+    """Connect to the marker server; no stream is asked for yet.
+
+    Raises:
+        LinkDown: nothing listens there.
+    """
+    stream = TcpStream(
+        config.host,
+        _PHASESPACE_BASE_PORT + config.server_number,
+        clock=clock,
+        name=config.name,
+        connect_timeout_s=config.timeout_s,
+    )
+    return PhaseSpace(
+        stream,
+        frequency_hz=config.frequency_hz,
+        length_unit_mm=config.length_unit_mm,
+        name=config.name,
+        timeout_s=config.timeout_s,
+    )

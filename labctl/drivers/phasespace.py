@@ -1,0 +1,186 @@
+"""A PhaseSpace marker server, as a client of its own wire protocol (docs/reference/phasespace-wire)."""
+
+import struct
+from contextlib import suppress
+
+from labctl.drivers import phasespace_wire as wire
+from labctl.drivers.phasespace_session import PhaseSpaceSession
+from labctl.errors import BadInput, InstrumentError, InstrumentRefused, NoAnswer
+from labctl.links.deadline import Deadline
+from labctl.links.interfaces import ByteStream
+from labctl.readings import Identity, MarkerFrame
+
+CLIENT_TEXT = b"protocol=2 libowl=5.2.459"
+EVENTS_TEXT = "event.raw=1 event.markers=1 event.rigids=1 event.info=1"
+MAX_FREQUENCY_HZ = 960.0
+FAREWELL_S = 0.2
+
+
+class PhaseSpace:
+    """Marker frames over TCP (streaming=1), in the server's frame of reference.
+
+    One thread at a time; `close` may come from another. Read continuously while started: TCP keeps every
+    frame, so a late reader gets old ones.
+
+    Args:
+        stream: a connection to the server's port, fresh.
+        frequency_hz: asked for, and checked against what the server answers.
+        length_unit_mm: one of the server's length units, in mm.
+        name: for messages.
+        timeout_s: of a call that names none.
+
+    Raises:
+        BadInput: a frequency above 960 Hz or not above 0, or a length unit not above 0.
+    """
+
+    def __init__(
+        self,
+        stream: ByteStream,
+        *,
+        frequency_hz: float,
+        length_unit_mm: float,
+        name: str,
+        timeout_s: float,
+    ) -> None:
+        if not 0 < frequency_hz <= MAX_FREQUENCY_HZ:
+            raise BadInput(
+                f"{name}: a frequency of {frequency_hz:g} Hz is not between 0 and {MAX_FREQUENCY_HZ:g} Hz "
+                "(markers.frequency_hz)"
+            )
+        if not 0 < length_unit_mm < float("inf"):
+            raise BadInput(f"{name}: a length unit of {length_unit_mm:g} mm is none (markers.length_unit_mm)")
+        self.name = name
+        self.frequency_hz = frequency_hz
+        self.timeout_s = timeout_s
+        self._length_unit_mm = length_unit_mm
+        self._stream = stream
+        self._session = PhaseSpaceSession(stream, name)
+        self._asked_to_initialize = False
+        self._started = False
+
+    def identify(self, timeout_s: float | None = None) -> Identity:
+        """Greet and initialise the server, which is all that it tells of itself; may be called twice.
+
+        Raises:
+            NoAnswer: the server has not answered before the deadline; a later call goes on from there.
+            GarbledReply: bytes that are no packets.
+            InstrumentRefused: the server reports an error, or runs at another frequency.
+            LinkDown: the server closed the connection.
+        """
+        self._initialize(self._deadline(timeout_s))
+        known = ("frequency", "maxfrequency", "timebase")
+        notes = [f"{key} {self._session.properties[key]}" for key in known if key in self._session.properties]
+        return Identity(model="PhaseSpace server, protocol 2", notes=tuple(notes))
+
+    def start(self, timeout_s: float | None = None) -> None:
+        """Ask for the stream and wait until the server says that it runs; may be called twice.
+
+        Raises:
+            NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `identify`.
+        """
+        deadline = self._deadline(timeout_s)
+        self._initialize(deadline)
+        if self._session.integer("streaming") != 1:
+            self._session.frames.clear()
+            self._stream_over_tcp(1, deadline)
+        self._started = True
+
+    def next_frame(self, timeout_s: float | None = None) -> MarkerFrame:
+        """The next frame in the order sent; markers that were not seen are in it, with their `cond`.
+
+        Raises:
+            NoAnswer: no whole frame before the deadline, or the stream was not started.
+            GarbledReply: a frame that contradicts itself (left out), or bytes that are no packets.
+            InstrumentRefused: the server reports an error, or has ended the stream.
+            LinkDown: the server closed the connection.
+        """
+        deadline = self._deadline(timeout_s)
+        if not self._started:
+            raise NoAnswer(f"{self.name}: no stream was asked for; start it first")
+        while not self._session.frames:
+            if self._session.integer("streaming") == 0:
+                raise InstrumentRefused(
+                    f"{self.name}: the server has ended the stream; if another client is its master, "
+                    "start there"
+                )
+            self._session.pump(deadline)
+        frame = self._session.frames.popleft()
+        return MarkerFrame(
+            time_s=frame.time * self._seconds_per_count(),
+            ids=frame.markers.ids,
+            positions_mm=frame.markers.positions * self._length_unit_mm,
+            cond=frame.markers.cond,
+        )
+
+    def stop(self, timeout_s: float | None = None) -> None:
+        """End the stream and drop the frames not fetched yet; may be called twice, and without a start.
+
+        Raises:
+            NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `identify`.
+        """
+        if self._started:
+            self._stream_over_tcp(0, self._deadline(timeout_s))
+            self._started = False
+            self._session.frames.clear()
+
+    def close(self) -> None:
+        """Say farewell if the server still listens, and close the connection; may be called twice."""
+        # The connection goes in any case: what the farewell meets on its way changes nothing.
+        with suppress(InstrumentError):
+            if self._asked_to_initialize:
+                self._asked_to_initialize = False
+                self._session.send("done", wire.BYTE, b"", Deadline(self._stream.clock, FAREWELL_S))
+        self._started = False
+        self._stream.close()
+
+    def _initialize(self, deadline: Deadline) -> None:
+        session = self._session
+        if session.integer("initialized") == 1 and self._asked_to_initialize:
+            return
+        session.pump_until(lambda: session.integer("opened") == 1 and "initialize" in session.names, deadline)
+        if not self._asked_to_initialize:
+            session.send("internal", wire.BYTE, CLIENT_TEXT, deadline)
+            options = f"{EVENTS_TEXT} timebase=1,1000000 frequency={self.frequency_hz:g}"
+            session.send("initialize", wire.BYTE, options.encode("ascii"), deadline)
+            self._asked_to_initialize = True
+        session.pump_until(lambda: session.integer("initialized") == 1, deadline)
+        self._settle_frequency(deadline)
+
+    def _settle_frequency(self, deadline: Deadline) -> None:
+        """Ask once more where the reply names no frequency or another one; the echo decides."""
+        session = self._session
+        if not self._has_frequency():
+            session.properties.pop("frequency", None)
+            session.send("frequency", wire.FLOAT, struct.pack("<f", self.frequency_hz), deadline)
+            session.pump_until(lambda: session.number("frequency") is not None, deadline)
+        if not self._has_frequency():
+            raise InstrumentRefused(
+                f"{self.name}: {self.frequency_hz:g} Hz was asked for and the server runs at "
+                f"{session.properties['frequency']} Hz; set markers.frequency_hz to what it can do"
+            )
+
+    def _has_frequency(self) -> bool:
+        echo = self._session.number("frequency")
+        return echo is not None and abs(echo - self.frequency_hz) <= 1e-3 * self.frequency_hz
+
+    def _stream_over_tcp(self, on: int, deadline: Deadline) -> None:
+        session = self._session
+        session.properties.pop("streaming", None)
+        session.send("streaming", wire.INT, struct.pack("<i", on), deadline)
+        try:
+            session.pump_until(lambda: session.integer("streaming") == on, deadline)
+        except NoAnswer as error:
+            echo = session.properties.get("streaming")
+            if echo is None:
+                raise
+            raise InstrumentRefused(
+                f"{self.name}: streaming {on} was asked for and the server answers {echo}; see whether "
+                "another client is its master"
+            ) from error
+
+    def _seconds_per_count(self) -> float:
+        # Without a timebase the server counts frames.
+        return self._session.seconds_per_count() or 1.0 / self.frequency_hz
+
+    def _deadline(self, timeout_s: float | None) -> Deadline:
+        return Deadline(self._stream.clock, self.timeout_s if timeout_s is None else timeout_s)

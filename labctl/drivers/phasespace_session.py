@@ -1,0 +1,155 @@
+"""The conversation with a PhaseSpace server: greeting, tables, properties and frames, packet by packet."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from labctl.drivers import phasespace_wire as wire
+from labctl.errors import GarbledReply, InstrumentRefused, LinkDown
+from labctl.links.deadline import Deadline
+from labctl.links.interfaces import ByteStream
+
+# Properties that packets of numbers may set; every other comes as text.
+_NUMBER_PROPERTIES = frozenset({"streaming", "timebase", "frequency", "scale", "pose", "systempose"})
+_TEXT_EVENTS = frozenset({"initialize", "done", "options", "streaming", "frequency", "timebase"})
+
+
+@dataclass(frozen=True)
+class RawFrame:
+    """A closed frame in the server's own counts and lengths."""
+
+    time: int
+    markers: wire.Markers
+
+
+class PhaseSpaceSession:
+    """What the server has said so far; `pump` takes in one packet more.
+
+    Everything is kept over a time-out, a half-read packet included. After a packet that cannot be one the
+    place of the next is unknown: the session is then closed for good.
+    """
+
+    def __init__(self, stream: ByteStream, name: str) -> None:
+        self.name = name
+        self.names: dict[str, int] = {}
+        self.properties: dict[str, str] = {}
+        self.frames: deque[RawFrame] = deque()
+        self._stream = stream
+        self._header: wire.Header | None = None
+        self._open_frames: dict[int, tuple[int, bytes]] = {}
+        self._lost: str | None = None
+
+    def pump_until(self, done: Callable[[], bool], deadline: Deadline) -> None:
+        """Take in packets until `done`.
+
+        Raises:
+            NoAnswer: not done before the deadline.
+            GarbledReply: a packet that is none; the stream is closed where the next cannot be found.
+            InstrumentRefused: the server reports an error.
+            LinkDown: the server closed, or the stream was given up before.
+        """
+        while not done():
+            self.pump(deadline)
+
+    def pump(self, deadline: Deadline) -> None:
+        """Take in one packet; raises like `pump_until`."""
+        if self._lost is not None:
+            raise LinkDown(f"{self.name}: the stream was given up ({self._lost}); open the rig again")
+        if self._header is None:
+            data = self._stream.read_exactly(wire.HEADER_BYTES, deadline)
+            try:
+                self._header = wire.parse_header(data)
+            except GarbledReply as error:
+                self._lost = str(error)
+                self._stream.close()
+                raise GarbledReply(
+                    f"{self.name}: {error}; the stream is given up, open the rig again"
+                ) from error
+        payload = self._stream.read_exactly(self._header.size, deadline)
+        header, self._header = self._header, None
+        try:
+            self._take(header, payload)
+        except GarbledReply as error:
+            raise GarbledReply(f"{self.name}: {error}") from error
+
+    def send(self, name: str, packet_type: int, payload: bytes, deadline: Deadline) -> None:
+        """Send a packet under one of the server's names.
+
+        Raises:
+            InstrumentRefused: the server's table has no such name.
+            LinkDown: the server closed, or the stream was given up before.
+        """
+        if self._lost is not None:
+            raise LinkDown(f"{self.name}: the stream was given up ({self._lost}); open the rig again")
+        if name not in self.names:
+            raise InstrumentRefused(
+                f"{self.name}: the server's table of names has no {name!r}; it is not a server of protocol 2"
+            )
+        self._stream.send(wire.packet(self.names[name], packet_type, payload), deadline)
+
+    def integer(self, key: str) -> int | None:
+        """An integer property; None where it was not told or is no integer."""
+        try:
+            return int(self.properties[key])
+        except (KeyError, ValueError):
+            return None
+
+    def number(self, key: str) -> float | None:
+        """A number property; None where it was not told or is no number."""
+        try:
+            return float(self.properties[key])
+        except (KeyError, ValueError):
+            return None
+
+    def seconds_per_count(self) -> float | None:
+        """The timebase as a time; None where the server has none set."""
+        try:
+            numerator, denominator = (int(part) for part in self.properties["timebase"].split(","))
+        except (KeyError, ValueError):
+            return None
+        return numerator / denominator if numerator > 0 and denominator > 0 else None
+
+    def _take(self, header: wire.Header, payload: bytes) -> None:
+        if header.type == wire.FRAME:
+            self._close_frame(header)
+        elif header.id >= wire.FIRST_FRAME_ID:
+            if header.type == wire.MARKER:
+                self._open_frames[header.id >> 8] = (header.time, payload)
+        elif header.id == wire.INTERNAL_TEXT:
+            if header.type == wire.BYTE:
+                self._take_internal(wire.parse_text(payload))
+        else:
+            self._take_event(header, payload)
+
+    def _take_internal(self, text: str) -> None:
+        if text.startswith("table=names"):
+            self.names |= wire.parse_table(text)
+        elif not text.startswith(("table=", "status=", "filter=", "profiles", "defaultprofile=")):
+            self._set_properties(text)
+
+    def _take_event(self, header: wire.Header, payload: bytes) -> None:
+        name = next((name for name, number in self.names.items() if number == header.id), "")
+        if header.type == wire.ERROR or name in ("error", "fatal"):
+            raise InstrumentRefused(
+                f"{self.name}: the server reports {name or 'an error'}: {wire.parse_text(payload)!r}; "
+                "see the server's log"
+            )
+        if header.type == wire.BYTE and name in _TEXT_EVENTS:
+            self._set_properties(wire.parse_text(payload))
+        elif header.type in (wire.INT, wire.FLOAT) and name in _NUMBER_PROPERTIES:
+            self.properties[name] = wire.parse_numbers(header.type, payload)
+
+    def _set_properties(self, text: str) -> None:
+        for key, value in wire.parse_pairs(text).items():
+            if value:
+                self.properties[key] = value
+            else:
+                self.properties.pop(key, None)
+
+    def _close_frame(self, header: wire.Header) -> None:
+        time, payload = self._open_frames.pop(header.id, (header.time, b""))
+        if time != header.time:
+            raise GarbledReply(
+                f"markers of time {time} in a frame of time {header.time}; the frame is left out"
+            )
+        self.frames.append(RawFrame(header.time, wire.parse_markers(payload)))

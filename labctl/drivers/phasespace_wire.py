@@ -1,0 +1,130 @@
+"""Packets, tables and records of the PhaseSpace wire, protocol 2 (docs/reference/phasespace-wire).
+
+A packet is a 16-byte little-endian header (id u16, type u8, checksum u8, payload size u32, time i64) and its
+payload. The first eight bytes sum to 0 modulo 256.
+"""
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labctl.errors import GarbledReply
+
+HEADER = struct.Struct("<HBBIq")
+HEADER_BYTES = HEADER.size
+MAX_PAYLOAD_BYTES = 4 * 1024 * 1024
+
+BYTE, INT, FLOAT = 1, 2, 3
+ERROR, FRAME, MARKER = 0x7F, 0x80, 0x84
+INTERNAL_TEXT = 0
+FIRST_FRAME_ID = 256
+INACTIVE_MARKER = 0xFFFFFFFF
+
+_MARKER_RECORD = np.dtype(
+    [
+        ("id", "<u4"),
+        ("flags", "<u4"),
+        ("time", "<i8"),
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("cond", "<f4"),
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a packet says of itself; `time` is in counts of the server's timebase."""
+
+    id: int
+    type: int
+    size: int
+    time: int
+
+
+@dataclass(frozen=True)
+class Markers:
+    """Marker records: `ids` int64 (n,), `positions` float64 (n, 3) in the server's unit, `cond` float64."""
+
+    ids: NDArray[np.int64]
+    positions: NDArray[np.float64]
+    cond: NDArray[np.float64]
+
+
+def packet(packet_id: int, packet_type: int, payload: bytes = b"") -> bytes:
+    """The bytes of a packet that a client sends: its time is 0."""
+    bare = HEADER.pack(packet_id, packet_type, 0, len(payload), 0)
+    checksum = -sum(bare[:8]) & 0xFF
+    return HEADER.pack(packet_id, packet_type, checksum, len(payload), 0) + payload
+
+
+def parse_header(data: bytes) -> Header:
+    """The header in `HEADER_BYTES` bytes.
+
+    Raises:
+        GarbledReply: a wrong checksum, or a payload beyond `MAX_PAYLOAD_BYTES`.
+    """
+    packet_id, packet_type, _, size, time = HEADER.unpack(data)
+    if sum(data[:8]) & 0xFF:
+        raise GarbledReply(f"the packet header {data.hex(' ')} has a wrong checksum")
+    if size > MAX_PAYLOAD_BYTES:
+        raise GarbledReply(f"a packet of {size} bytes is announced; {MAX_PAYLOAD_BYTES} is the most")
+    return Header(packet_id, packet_type, size, time)
+
+
+def parse_text(payload: bytes) -> str:
+    """Text of a packet; a server may end it with NUL."""
+    return payload.decode("utf-8", "replace").rstrip("\x00").strip()
+
+
+def parse_pairs(text: str) -> dict[str, str]:
+    """The `key=value` words of a text; the last of a key wins, other words mean nothing here."""
+    pairs = {}
+    for word in text.split():
+        key, equals, value = word.partition("=")
+        if equals:
+            pairs[key] = value
+    return pairs
+
+
+def parse_table(text: str) -> dict[str, int]:
+    """Numbers by name from `n=name[,flags[,mode]] ...`."""
+    return {value.split(",", 1)[0]: int(key) for key, value in parse_pairs(text).items() if key.isdecimal()}
+
+
+def parse_markers(payload: bytes) -> Markers:
+    """Marker records back to back; slots that no marker uses (id -1) are left out.
+
+    Raises:
+        GarbledReply: a partial record, an id twice, or a marker that is seen at no finite place.
+    """
+    if len(payload) % _MARKER_RECORD.itemsize:
+        raise GarbledReply(
+            f"{len(payload)} bytes of markers are no whole number of {_MARKER_RECORD.itemsize}-byte records"
+        )
+    records = np.frombuffer(payload, dtype=_MARKER_RECORD)
+    records = records[records["id"] != INACTIVE_MARKER]
+    ids = records["id"].astype(np.int64)
+    positions = np.stack([records[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    cond = records["cond"].astype(np.float64)
+    if np.unique(ids).size != ids.size:
+        raise GarbledReply(f"a frame carries a marker twice: ids {sorted(ids.tolist())}")
+    seen = ~(cond <= 0)
+    if not np.isfinite(positions[seen]).all() or not np.isfinite(cond).all():
+        raise GarbledReply("a marker that is seen has a position or a cond that is not finite")
+    return Markers(ids, positions, cond)
+
+
+def parse_numbers(packet_type: int, payload: bytes) -> str:
+    """Ints or floats of a packet, in the text form of a property: joined by commas.
+
+    Raises:
+        GarbledReply: a partial number.
+    """
+    if len(payload) % 4:
+        raise GarbledReply(f"{len(payload)} bytes of numbers are no whole number of 4-byte numbers")
+    code = "i" if packet_type == INT else "f"
+    return ",".join(str(value) for value in struct.unpack(f"<{len(payload) // 4}{code}", payload))

@@ -1,0 +1,1 @@
+"""Bytes: serial ports and TCP, with a deadline on every call."""

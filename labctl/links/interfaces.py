@@ -1,0 +1,124 @@
+"""What a driver asks of its link: three small interfaces, met by the real links and by scripted ones."""
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from labctl.clock import Clock
+from labctl.links.deadline import Deadline
+
+
+class LineLink(Protocol):
+    """Requests and replies in lines that end in CR."""
+
+    @property
+    def name(self) -> str:
+        """The instrument and its port, for messages."""
+        ...
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of the deadlines."""
+        ...
+
+    @property
+    def suspect(self) -> bool:
+        """A reply is missing or was not understood: the next exchange resynchronises first."""
+        ...
+
+    def mark_suspect(self) -> None:
+        """Tell the link that what it delivered was not the reply."""
+        ...
+
+    def resync_by(self, request: bytes, accepts: Callable[[bytes], bool]) -> None:
+        """Set a request whose reply no late reply can be mistaken for."""
+        ...
+
+    def exchange_line(self, request: bytes, deadline: Deadline) -> bytes:
+        """Send a request and return its reply of one line, without the CR."""
+        ...
+
+    def exchange_lines(self, request: bytes, deadline: Deadline, idle_s: float) -> list[bytes]:
+        """Send a request and return its lines; the reply ends when the line is idle for `idle_s`."""
+        ...
+
+    def send_unheard(self, request: bytes, deadline: Deadline) -> None:
+        """Send a request whose reply will not be read."""
+        ...
+
+    def close(self) -> None:
+        """Give the port back; may be called twice."""
+        ...
+
+
+class RegisterLink(Protocol):
+    """Modbus: coils and registers by PDU address."""
+
+    @property
+    def name(self) -> str:
+        """The instrument and its port, for messages."""
+        ...
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of the deadlines."""
+        ...
+
+    def resync_by_holding_registers(self, address: int, count: int, device_id: int) -> None:
+        """Set a read whose reply no late reply can be mistaken for."""
+        ...
+
+    def read_coils(self, address: int, count: int, device_id: int, deadline: Deadline) -> tuple[bool, ...]:
+        """Function 01."""
+        ...
+
+    def write_coils(self, address: int, values: Sequence[bool], device_id: int, deadline: Deadline) -> None:
+        """Function 0F."""
+        ...
+
+    def read_holding_registers(
+        self, address: int, count: int, device_id: int, deadline: Deadline
+    ) -> tuple[int, ...]:
+        """Function 03."""
+        ...
+
+    def read_input_registers(
+        self, address: int, count: int, device_id: int, deadline: Deadline
+    ) -> tuple[int, ...]:
+        """Function 04."""
+        ...
+
+    def write_registers(
+        self, address: int, values: Sequence[int], device_id: int, deadline: Deadline
+    ) -> None:
+        """Function 10 (hexadecimal)."""
+        ...
+
+    def close(self) -> None:
+        """Give the port or socket back; may be called twice."""
+        ...
+
+
+class ByteStream(Protocol):
+    """A stream of bytes both ways."""
+
+    @property
+    def name(self) -> str:
+        """The instrument and its address, for messages."""
+        ...
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of the deadlines."""
+        ...
+
+    def send(self, data: bytes, deadline: Deadline) -> None:
+        """Send all of `data`."""
+        ...
+
+    def read_exactly(self, n: int, deadline: Deadline) -> bytes:
+        """The next `n` bytes; those of an unfinished read are kept for the next call."""
+        ...
+
+    def close(self) -> None:
+        """Close the stream; may be called twice."""
+        ...

@@ -1,0 +1,149 @@
+"""The two ways that Modbus frames travel: RTU over a serial port, and TCP."""
+
+from typing import Protocol
+
+from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
+from pymodbus.pdu import DecodePDU
+
+from labctl.clock import Clock
+from labctl.errors import NoAnswer
+from labctl.links.deadline import Deadline
+from labctl.links.serial_port import SerialPort
+from labctl.links.tcp_stream import TcpStream
+
+
+class ModbusChannel(Protocol):
+    """Bytes of Modbus frames, read one at a time.
+
+    Reading singly leaves what follows a frame unread: the RTU framer throws away what it is given beyond one.
+    `overhead_bytes` is the length of a frame less its PDU.
+    """
+
+    name: str
+    framer: FramerBase
+    overhead_bytes: int
+
+    def write(self, frame: bytes, deadline: Deadline) -> None:
+        """Send one frame."""
+        ...
+
+    def read_byte(self, deadline: Deadline) -> bytes:
+        """The next byte."""
+        ...
+
+    def has_input(self) -> bool:
+        """Bytes are waiting that nobody asked for."""
+        ...
+
+    def next_transaction(self) -> int:
+        """The number that ties a reply to its request; 0 where the protocol has none."""
+        ...
+
+    def discard_late_replies(self, deadline: Deadline) -> bool:
+        """Discard late replies; True where none can come any more."""
+        ...
+
+    def close(self) -> None:
+        """Give the port or socket back; may be called twice."""
+        ...
+
+
+class RtuChannel:
+    """RTU frames, 8N1. Late replies are discarded until the line is quiet.
+
+    Raises:
+        LinkDown: the port is absent, may not be opened or is in use.
+    """
+
+    overhead_bytes = 3
+
+    def __init__(self, port: str, baudrate: int, clock: Clock, name: str, quiet_s: float) -> None:
+        self._port = SerialPort(port, baudrate=baudrate, clock=clock, name=name)
+        self.name = self._port.name
+        self.framer: FramerBase = FramerRTU(DecodePDU(False))
+        self._clock = clock
+        self._quiet_s = quiet_s
+        # The silence that ends a frame: 3.5 characters, 1.75 ms above 19200 baud ("MODBUS over Serial Line
+        # V1.02", 2.5.1.1).
+        self._gap_s = max(3.5 * 10 / baudrate, 0.00175)
+        self._last_byte_s = clock.now_s()
+
+    def write(self, frame: bytes, deadline: Deadline) -> None:
+        """Send one frame after the silence that ended the one before."""
+        self._clock.sleep(self._last_byte_s + self._gap_s - self._clock.now_s())
+        self._port.write(frame, deadline)
+
+    def read_byte(self, deadline: Deadline) -> bytes:
+        """The next byte."""
+        data = self._port.read_some(1, deadline)
+        if not data:
+            raise NoAnswer(f"{self.name}: nothing came")
+        self._last_byte_s = self._clock.now_s()
+        return data
+
+    def has_input(self) -> bool:
+        """Bytes are waiting that nobody asked for."""
+        return self._port.has_input()
+
+    def next_transaction(self) -> int:
+        """RTU has no transaction numbers."""
+        return 0
+
+    def discard_late_replies(self, deadline: Deadline) -> bool:
+        """Discard input until the line is quiet; a reply may be later still."""
+        self._port.discard_until_quiet(self._quiet_s, deadline)
+        return False
+
+    def close(self) -> None:
+        """Give the port back; may be called twice."""
+        self._port.close()
+
+
+class TcpChannel:
+    """Modbus TCP frames. Late replies die with their connection; a new connection sends nothing by itself.
+
+    Raises:
+        LinkDown: nobody took the connection within `connect_timeout_s`.
+    """
+
+    overhead_bytes = 7
+
+    def __init__(self, host: str, port: int, clock: Clock, name: str, connect_timeout_s: float) -> None:
+        self._host, self._port, self._clock, self._instrument = host, port, clock, name
+        self._stream = self._connect(connect_timeout_s)
+        self._closed = False
+        self.name = self._stream.name
+        self.framer: FramerBase = FramerSocket(DecodePDU(False))
+        self._transaction = 0
+
+    def write(self, frame: bytes, deadline: Deadline) -> None:
+        """Send one frame."""
+        self._stream.send(frame, deadline)
+
+    def read_byte(self, deadline: Deadline) -> bytes:
+        """The next byte."""
+        return self._stream.read_exactly(1, deadline)
+
+    def has_input(self) -> bool:
+        """Unasked frames are told by their transaction numbers; nothing needs to be looked for."""
+        return False
+
+    def next_transaction(self) -> int:
+        """1 to 65535, then again; 0 is never used, since the framer takes it for "none"."""
+        self._transaction = self._transaction % 0xFFFF + 1
+        return self._transaction
+
+    def discard_late_replies(self, deadline: Deadline) -> bool:
+        """Connect anew, unless the link was closed for good; late replies went with the old connection."""
+        self._stream.close()
+        if not self._closed:
+            self._stream = self._connect(deadline.remaining_s())
+        return True
+
+    def close(self) -> None:
+        """Close the connection; may be called twice."""
+        self._closed = True
+        self._stream.close()
+
+    def _connect(self, timeout_s: float) -> TcpStream:
+        return TcpStream(self._host, self._port, self._clock, self._instrument, timeout_s)

@@ -1,0 +1,264 @@
+"""Modbus requests and replies, each reply checked against its request.
+
+pymodbus encodes, frames and decodes. Its synchronous clients are not used: their time-out starts anew with
+every read and counts on the clock of the day, so that a call can take twice its deadline, and a reply is not
+compared with the request's function, address or count.
+"""
+
+import struct
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from pymodbus.exceptions import ModbusException
+from pymodbus.pdu import ExceptionResponse, ModbusPDU
+from pymodbus.pdu.bit_message import ReadCoilsRequest, WriteMultipleCoilsRequest, WriteSingleCoilRequest
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    ReadInputRegistersRequest,
+    WriteMultipleRegistersRequest,
+)
+
+from labctl.clock import Clock
+from labctl.errors import GarbledReply, InstrumentRefused, NoAnswer
+from labctl.links.deadline import Deadline
+from labctl.links.modbus_channel import ModbusChannel, RtuChannel, TcpChannel
+
+QUIET_S = 0.05
+CONNECT_TIMEOUT_S = 3.0
+_WRITE_REPLY_BYTES = 5
+_WRITES = (0x05, 0x0F, 0x10)
+# "MODBUS Application Protocol Specification V1.1b3", section 7.
+_EXCEPTIONS = {
+    1: "illegal function",
+    2: "illegal data address",
+    3: "illegal data value",
+    4: "device failure",
+    5: "acknowledge: still working",
+    6: "device busy",
+    8: "memory parity error",
+    10: "gateway path unavailable",
+    11: "gateway target did not respond",
+}
+
+
+@dataclass(frozen=True)
+class _Reply:
+    """A decoded reply and the bytes it came in."""
+
+    pdu: ModbusPDU
+    frame: bytes
+
+
+@dataclass(frozen=True)
+class _Probe:
+    """The read that resynchronises."""
+
+    address: int
+    count: int
+    device_id: int
+
+
+class ModbusLink:
+    """One exchange at a time, and never an old reply for a new request.
+
+    Every call ends by its deadline. After a failed exchange the link gets in step again before a reply is
+    trusted: TCP connects anew; RTU discards input until the line is quiet, then reads the registers of
+    `resync_by_holding_registers` until their reply has come.
+    """
+
+    def __init__(self, channel: ModbusChannel, clock: Clock) -> None:
+        self.name = channel.name
+        self.clock = clock
+        self._channel = channel
+        self._lock = threading.Lock()
+        self._suspect = False
+        self._probe: _Probe | None = None
+
+    def resync_by_holding_registers(self, address: int, count: int, device_id: int) -> None:
+        """Set the read that resynchronises: no other request of the driver has a reply of its shape."""
+        self._probe = _Probe(address, count, device_id)
+
+    def read_coils(self, address: int, count: int, device_id: int, deadline: Deadline) -> tuple[bool, ...]:
+        """Function 01: `count` coils from `address` on.
+
+        Raises:
+            NoAnswer: no complete reply before the deadline.
+            GarbledReply: the reply is not one to this request.
+            InstrumentRefused: the device answered with an exception.
+            LinkDown: the port or connection is gone.
+        """
+        request = ReadCoilsRequest(address=address, count=count, dev_id=device_id)
+        packed = (count + 7) // 8
+        reply = self._exchange(request, 2 + packed, deadline)
+        # The last byte is padded to eight coils.
+        return tuple(reply.pdu.bits[:count])
+
+    def write_coil(self, address: int, value: bool, device_id: int, deadline: Deadline) -> None:
+        """Function 05; raises like `read_coils`."""
+        request = WriteSingleCoilRequest(address=address, bits=[value], dev_id=device_id)
+        reply = self._exchange(request, _WRITE_REPLY_BYTES, deadline)
+        # The decoder takes every value but 0 for ON; the reply has to be the request's echo.
+        if reply.frame != self._channel.framer.buildFrame(request):
+            raise self._foreign(f"{reply.frame.hex(' ')} does not echo the coil that was written")
+
+    def write_coils(self, address: int, values: Sequence[bool], device_id: int, deadline: Deadline) -> None:
+        """Function 0F; raises like `read_coils`."""
+        request = WriteMultipleCoilsRequest(address=address, bits=list(values), dev_id=device_id)
+        self._write(request, address, len(values), deadline)
+
+    def read_holding_registers(
+        self, address: int, count: int, device_id: int, deadline: Deadline
+    ) -> tuple[int, ...]:
+        """Function 03: `count` registers of 16 bits from `address` on; raises like `read_coils`."""
+        request = ReadHoldingRegistersRequest(address=address, count=count, dev_id=device_id)
+        return tuple(self._exchange(request, 2 + 2 * count, deadline).pdu.registers)
+
+    def read_input_registers(
+        self, address: int, count: int, device_id: int, deadline: Deadline
+    ) -> tuple[int, ...]:
+        """Function 04: `count` registers of 16 bits from `address` on; raises like `read_coils`."""
+        request = ReadInputRegistersRequest(address=address, count=count, dev_id=device_id)
+        return tuple(self._exchange(request, 2 + 2 * count, deadline).pdu.registers)
+
+    def write_registers(
+        self, address: int, values: Sequence[int], device_id: int, deadline: Deadline
+    ) -> None:
+        """Function 10 (hexadecimal); raises like `read_coils`."""
+        request = WriteMultipleRegistersRequest(address=address, registers=list(values), dev_id=device_id)
+        self._write(request, address, len(values), deadline)
+
+    def close(self) -> None:
+        """Give the port or socket back; may be called twice."""
+        self._channel.close()
+
+    def _write(self, request: ModbusPDU, address: int, count: int, deadline: Deadline) -> None:
+        written = self._exchange(request, _WRITE_REPLY_BYTES, deadline).pdu
+        if (written.address, written.count) != (address, count):
+            raise self._foreign(
+                f"the device confirms {written.count} values at {written.address}, not {count} at {address}"
+            )
+
+    def _exchange(self, request: ModbusPDU, reply_bytes: int, deadline: Deadline) -> _Reply:
+        """Send a request and return its reply, whose PDU has `reply_bytes` bytes."""
+        if not self._lock.acquire(timeout=deadline.remaining_s()):
+            raise NoAnswer(
+                f"{self.name}: the link was busy with another exchange for {deadline.seconds:g} s, "
+                f"{_shown(request)} was not sent; allow more time"
+            )
+        try:
+            in_step = self._get_in_step(request, deadline)
+            self._suspect = True
+            self._send(request, deadline)
+            reply = self._receive(request, deadline)
+            if not self._is_reply(request, reply, reply_bytes):
+                raise self._foreign(f"{reply.frame.hex(' ')} does not answer {_shown(request)}")
+            self._suspect = not in_step
+        finally:
+            self._lock.release()
+        if reply.pdu.isError():
+            code = reply.pdu.exception_code
+            raise InstrumentRefused(
+                f"{self.name}: the device refused {_shown(request)} with exception {code} "
+                f"({_EXCEPTIONS.get(code, 'unknown')}); check device id, address and model"
+            )
+        return reply
+
+    def _get_in_step(self, request: ModbusPDU, deadline: Deadline) -> bool:
+        """See to it that the next reply is the one to `request`; False where that stays open, for a write.
+
+        A write must reach a device that acts and is not heard, and drivers read back what they wrote: so a
+        write only waits for the line to calm down, and the read that follows makes sure.
+        """
+        if not (self._suspect or self._channel.has_input()):
+            return True
+        self._suspect = True
+        if request.function_code in _WRITES:
+            with suppress(NoAnswer, GarbledReply):
+                return self._channel.discard_late_replies(deadline.share(0.5))
+            return False
+        if not self._channel.discard_late_replies(deadline) and self._probe is not None:
+            self._read_probe(self._probe, deadline)
+        return True
+
+    def _read_probe(self, probe: _Probe, deadline: Deadline) -> None:
+        """Read up to the reply that cannot be late; a device answers in order, so no late one follows."""
+        request = ReadHoldingRegistersRequest(
+            address=probe.address, count=probe.count, dev_id=probe.device_id
+        )
+        self._send(request, deadline)
+        while not self._is_reply(request, self._receive(request, deadline), 2 + 2 * probe.count):
+            pass
+
+    def _send(self, request: ModbusPDU, deadline: Deadline) -> None:
+        request.transaction_id = self._channel.next_transaction()
+        self._channel.write(self._channel.framer.buildFrame(request), deadline)
+
+    def _receive(self, request: ModbusPDU, deadline: Deadline) -> _Reply:
+        framer = self._channel.framer
+        received = b""
+        while len(received) <= framer.MAX_SIZE:
+            try:
+                received += self._channel.read_byte(deadline)
+            except NoAnswer as error:
+                raise self._no_answer(request, received, deadline) from error
+            try:
+                used, pdu = framer.handleFrame(received, request.dev_id, request.transaction_id)
+            except (ModbusException, IndexError, ValueError, struct.error) as error:
+                raise self._foreign(f"{received.hex(' ')} cannot be decoded") from error
+            if pdu is not None:
+                return _Reply(pdu, received)
+            if used:
+                raise self._foreign(
+                    f"{received.hex(' ')} has a bad checksum, or another device id or transaction number"
+                )
+        raise self._foreign(f"more than {framer.MAX_SIZE} bytes and no frame among them")
+
+    def _is_reply(self, request: ModbusPDU, reply: _Reply, reply_bytes: int) -> bool:
+        if isinstance(reply.pdu, ExceptionResponse):
+            function, length = request.function_code | 0x80, 2
+        else:
+            function, length = request.function_code, reply_bytes
+        return (
+            reply.pdu.function_code == function
+            and reply.pdu.transaction_id == request.transaction_id
+            and len(reply.frame) == length + self._channel.overhead_bytes
+        )
+
+    def _foreign(self, what: str) -> GarbledReply:
+        self._suspect = True
+        return GarbledReply(f"{self.name}: {what}; check cable, baud rate, device id and termination")
+
+    def _no_answer(self, request: ModbusPDU, received: bytes, deadline: Deadline) -> NoAnswer:
+        got = f"only {received.hex(' ')} came" if received else "nothing came"
+        return NoAnswer(
+            f"{self.name}: no answer to {_shown(request)} within {deadline.seconds:g} s ({got}); "
+            "check power, cable, baud rate and device id"
+        )
+
+
+def open_modbus_serial(
+    port: str, baudrate: int, clock: Clock, name: str, *, quiet_s: float = QUIET_S
+) -> ModbusLink:
+    """Modbus RTU on a serial port of our own; nothing is sent.
+
+    Raises:
+        LinkDown: the port is absent, may not be opened or is in use.
+    """
+    return ModbusLink(RtuChannel(port, baudrate, clock, name, quiet_s), clock)
+
+
+def open_modbus_tcp(
+    host: str, port: int, clock: Clock, name: str, *, connect_timeout_s: float = CONNECT_TIMEOUT_S
+) -> ModbusLink:
+    """Modbus TCP; connects, and sends nothing.
+
+    Raises:
+        LinkDown: nobody took the connection.
+    """
+    return ModbusLink(TcpChannel(host, port, clock, name, connect_timeout_s), clock)
+
+
+def _shown(request: ModbusPDU) -> str:
+    return f"function {request.function_code:02X} at address {request.address} of device {request.dev_id}"

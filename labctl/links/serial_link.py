@@ -1,0 +1,192 @@
+"""Requests and replies in CR-terminated lines over a serial port."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from labctl.clock import Clock
+from labctl.errors import GarbledReply, NoAnswer
+from labctl.links.deadline import Deadline
+from labctl.links.serial_port import CHUNK_BYTES, SerialPort
+
+END = b"\r"
+
+
+class SerialLink:
+    """One exchange at a time, and never an old reply for a new request.
+
+    A line protocol has no transaction numbers, so a reply that comes after its time-out looks like the reply
+    to the next request. After a time-out, a broken line or unasked bytes the link is therefore `suspect`: the
+    next exchange first discards input until the line is quiet for `quiet_s`, then sends the request of
+    `resync_by` and discards lines up to its reply. Devices answer in order, so that reply comes last.
+
+    Raises:
+        LinkDown: the port is absent, may not be opened or is in use.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        *,
+        baudrate: int,
+        clock: Clock,
+        name: str,
+        quiet_s: float = 0.1,
+        max_line_bytes: int = 256,
+        max_lines: int = 64,
+    ) -> None:
+        self._port = SerialPort(port, baudrate=baudrate, clock=clock, name=name)
+        self.name = self._port.name
+        self.clock = clock
+        self._quiet_s = quiet_s
+        self._max_line_bytes = max_line_bytes
+        self._max_lines = max_lines
+        self._lock = threading.Lock()
+        self._held = b""
+        # A device may still be answering whoever had the port before.
+        self._suspect = True
+        self._probe: tuple[bytes, Callable[[bytes], bool]] | None = None
+
+    @property
+    def suspect(self) -> bool:
+        """A reply is missing or was not understood: the next exchange resynchronises first."""
+        return self._suspect
+
+    def mark_suspect(self) -> None:
+        """Tell the link that what it delivered was not the reply."""
+        self._suspect = True
+
+    def resync_by(self, request: bytes, accepts: Callable[[bytes], bool]) -> None:
+        """Set the request that resynchronises, and the test that knows its reply from every other line."""
+        self._probe = (request, accepts)
+
+    def exchange_line(self, request: bytes, deadline: Deadline) -> bytes:
+        """Send a request and return its reply of one line, without the CR.
+
+        Raises:
+            NoAnswer: no complete line came, or the link was not free, before the deadline.
+            GarbledReply: the line is longer than any reply, or the input never came to rest.
+            LinkDown: the port is closed or gone.
+        """
+        with self._turn(request, deadline):
+            self._port.write(request, deadline)
+            return self._read_line(request, deadline)
+
+    def exchange_lines(self, request: bytes, deadline: Deadline, idle_s: float) -> list[bytes]:
+        """Send a request and return the lines of its reply, which ends when the line is idle for `idle_s`.
+
+        Raises:
+            NoAnswer: no complete reply came, or the link was not free, before the deadline.
+            GarbledReply: a line or the reply is longer than any reply, or the input never came to rest.
+            LinkDown: the port is closed or gone.
+        """
+        with self._turn(request, deadline):
+            self._port.write(request, deadline)
+            lines = [self._read_line(request, deadline)]
+            while self._held or self._wait_for_input(idle_s, request, deadline):
+                if len(lines) == self._max_lines:
+                    raise GarbledReply(
+                        f"{self.name}: more than {self._max_lines} lines in answer to {_shown(request)}; "
+                        "if the instrument is streaming, set it to polling"
+                    )
+                lines.append(self._read_line(request, deadline))
+            return lines
+
+    def send_unheard(self, request: bytes, deadline: Deadline) -> None:
+        """Send a request at once, whatever the state of the line, and leave the link suspect.
+
+        For a command that has to act even if the instrument's answers do not come through.
+
+        Raises:
+            NoAnswer: the link was not free, or the port did not take the bytes, before the deadline.
+            LinkDown: the port is closed or gone.
+        """
+        with self._locked(request, deadline):
+            self._suspect = True
+            self._port.write(request, deadline)
+
+    def drain(self, deadline: Deadline) -> int:
+        """Discard input until the line is quiet; returns the number of bytes discarded.
+
+        Raises:
+            NoAnswer: the link was not free, or the deadline was too short.
+            GarbledReply: bytes kept coming until the deadline.
+            LinkDown: the port is closed or gone.
+        """
+        with self._locked(b"", deadline):
+            return self._discard(deadline)
+
+    def close(self) -> None:
+        """Give the port back; may be called twice."""
+        self._port.close()
+
+    @contextmanager
+    def _locked(self, request: bytes, deadline: Deadline) -> Iterator[None]:
+        if not self._lock.acquire(timeout=deadline.remaining_s()):
+            raise NoAnswer(
+                f"{self.name}: the link was busy with another exchange for {deadline.seconds:g} s, "
+                f"{_shown(request)} was not sent; allow more time"
+            )
+        try:
+            yield
+        finally:
+            self._lock.release()
+
+    @contextmanager
+    def _turn(self, request: bytes, deadline: Deadline) -> Iterator[None]:
+        """Hold the link for one exchange that starts resynchronised and is suspect unless it ends well."""
+        with self._locked(request, deadline):
+            if self._suspect or self._held or self._port.has_input():
+                self._resynchronise(deadline)
+            self._suspect = True
+            yield
+            self._suspect = False
+
+    def _resynchronise(self, deadline: Deadline) -> None:
+        self._suspect = True
+        self._discard(deadline)
+        if self._probe is None:
+            return
+        request, accepts = self._probe
+        self._port.write(request, deadline)
+        while not accepts(self._read_line(request, deadline)):
+            pass
+
+    def _discard(self, deadline: Deadline) -> int:
+        discarded = len(self._held)
+        self._held = b""
+        return discarded + self._port.discard_until_quiet(self._quiet_s, deadline)
+
+    def _wait_for_input(self, idle_s: float, request: bytes, deadline: Deadline) -> bool:
+        idle = Deadline(self.clock, min(idle_s, deadline.remaining_s()))
+        self._held = self._port.read_some(CHUNK_BYTES, idle)
+        if not self._held and idle.seconds < idle_s:
+            raise self._no_answer(request, deadline, "the end of the answer could not be told")
+        return bool(self._held)
+
+    def _read_line(self, request: bytes, deadline: Deadline) -> bytes:
+        while END not in self._held:
+            if len(self._held) > self._max_line_bytes:
+                break
+            data = self._port.read_some(CHUNK_BYTES, deadline)
+            if not data:
+                got = f"only {self._held!r} came" if self._held else "nothing came"
+                raise self._no_answer(request, deadline, got)
+            self._held += data
+        line, _, self._held = self._held.partition(END)
+        if len(line) > self._max_line_bytes:
+            raise GarbledReply(
+                f"{self.name}: a line of more than {self._max_line_bytes} bytes in answer to "
+                f"{_shown(request)}; check the baud rate"
+            )
+        return line
+
+    def _no_answer(self, request: bytes, deadline: Deadline, got: str) -> NoAnswer:
+        return NoAnswer(
+            f"{self.name}: no answer to {_shown(request)} within {deadline.seconds:g} s ({got}); "
+            "check power, cable, baud rate and unit id"
+        )
+
+
+def _shown(request: bytes) -> str:
+    return repr(request.rstrip(END).decode("ascii", "backslashreplace"))

@@ -1,0 +1,144 @@
+"""A TCP connection with a deadline on every call."""
+
+import ipaddress
+import queue
+import select
+import socket
+import threading
+from typing import Any
+
+from labctl.clock import Clock
+from labctl.errors import LinkDown, NoAnswer
+from labctl.links.deadline import Deadline
+
+CHUNK_BYTES = 65536
+_Address = tuple[socket.AddressFamily, Any]
+
+
+class TcpStream:
+    """A stream of bytes both ways; connects when it is made, and never again.
+
+    Raises:
+        LinkDown: the host is not known, or nobody took the connection within `connect_timeout_s`.
+    """
+
+    def __init__(self, host: str, port: int, clock: Clock, name: str, connect_timeout_s: float) -> None:
+        self.name = f"{name} on {host}:{port}"
+        self.clock = clock
+        self._held = bytearray()
+        self._socket = _connect(self.name, host, port, Deadline(clock, connect_timeout_s))
+        # Time-outs of a socket are shared by reader and writer; readiness is asked for call by call.
+        self._socket.setblocking(False)
+
+    def send(self, data: bytes, deadline: Deadline) -> None:
+        """Send all of `data`.
+
+        Raises:
+            LinkDown: the peer closed or the network broke; also a deadline that passed in the middle, after
+                which the stream is closed, since the peer cannot know where the next message starts.
+        """
+        left = memoryview(data)
+        while left:
+            try:
+                _, ready, _ = select.select([], [self._socket], [], deadline.remaining_s())
+                if ready:
+                    left = left[self._socket.send(left) :]
+                    continue
+            except BlockingIOError:
+                continue
+            except (OSError, ValueError) as error:
+                raise self._broken(error) from error
+            self.close()
+            raise LinkDown(
+                f"{self.name}: only {len(data) - len(left)} of {len(data)} bytes could be sent within "
+                f"{deadline.seconds:g} s; check the network, then open the rig again"
+            )
+
+    def read_exactly(self, n: int, deadline: Deadline) -> bytes:
+        """The next `n` bytes; what came of them before a time-out is kept for the next call.
+
+        Raises:
+            NoAnswer: fewer than `n` bytes came before the deadline.
+            LinkDown: the peer closed or the network broke.
+        """
+        while len(self._held) < n:
+            try:
+                ready, _, _ = select.select([self._socket], [], [], deadline.remaining_s())
+                if not ready:
+                    raise NoAnswer(
+                        f"{self.name}: {len(self._held)} of {n} bytes came within {deadline.seconds:g} s; "
+                        "check that the server is running and sending"
+                    )
+                data = self._socket.recv(CHUNK_BYTES)
+            except BlockingIOError:
+                continue
+            except (OSError, ValueError) as error:
+                raise self._broken(error) from error
+            if not data:
+                raise LinkDown(f"{self.name}: the server closed the connection; open the rig again")
+            self._held += data
+        wanted = bytes(self._held[:n])
+        del self._held[:n]
+        return wanted
+
+    def close(self) -> None:
+        """Close the connection; may be called twice."""
+        self._socket.close()
+
+    def _broken(self, error: Exception) -> LinkDown:
+        # A closed socket has no file descriptor, which select reports as a ValueError.
+        why = "it is closed" if isinstance(error, ValueError) else str(error)
+        return LinkDown(
+            f"{self.name}: the connection broke ({why}); check the network, then open the rig again"
+        )
+
+
+def _connect(name: str, host: str, port: int, deadline: Deadline) -> socket.socket:
+    failure: Exception | None = None
+    for family, address in _resolve(name, host, port, deadline):
+        connection = socket.socket(family, socket.SOCK_STREAM)
+        # Zero would mean a socket that does not wait at all, and an error that says nothing.
+        connection.settimeout(max(deadline.remaining_s(), 0.001))
+        try:
+            connection.connect(address)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        except OSError as error:
+            connection.close()
+            failure = error
+            continue
+        return connection
+    raise LinkDown(
+        f"{name}: no connection within {deadline.seconds:g} s ({failure}); check that the server is running, "
+        "and its address in the rig's configuration"
+    ) from failure
+
+
+def _resolve(name: str, host: str, port: int, deadline: Deadline) -> list[_Address]:
+    """Addresses of `host`; a look-up has no time-out of its own, so it runs aside."""
+    try:
+        version = ipaddress.ip_address(host).version
+        return [(socket.AF_INET if version == 4 else socket.AF_INET6, (host, port))]
+    except ValueError:
+        answer: queue.SimpleQueue[list[_Address] | OSError] = queue.SimpleQueue()
+        threading.Thread(target=_look_up, args=(host, port, answer), daemon=True).start()
+    try:
+        found = answer.get(timeout=deadline.remaining_s())
+    except queue.Empty:
+        found = TimeoutError(f"no answer within {deadline.seconds:g} s")
+    if isinstance(found, OSError):
+        raise LinkDown(
+            f"{name}: the host name {host!r} cannot be looked up ({found}); correct it in the rig's "
+            "configuration"
+        )
+    return found
+
+
+def _look_up(host: str, port: int, answer: "queue.SimpleQueue[list[_Address] | OSError]") -> None:
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    except OSError as error:
+        answer.put(error)
+    except UnicodeError as error:
+        answer.put(OSError(str(error)))
+    else:
+        answer.put([(family, address) for family, _, _, _, address in found])

@@ -1,0 +1,159 @@
+"""Frames by bulletin DOC-MAN-MODBUS Rev 6: registers one below the manual's numbers, high word first."""
+
+import pytest
+
+from labctl.drivers.alicat_modbus import AlicatModbus
+from labctl.errors import BadInput, GarbledReply, InstrumentRefused, ReadBackMismatch, SetpointOutOfRange
+
+READ = "01 04 04 B0 00 06"
+AT_3_9 = "40 79 99 9A"
+AT_0 = "00 00 00 00"
+
+
+def reading(status, pressure=AT_3_9, setpoint=AT_3_9):
+    return f"01 04 0C {status} {pressure} {setpoint}"
+
+
+def command(argument, status="00 00", done="00 06"):
+    """The valve command 6 and the question for its result, registers 999 and 1000."""
+    return [
+        (f"01 10 03 E7 00 02 04 00 06 {argument}", "01 10 03 E7 00 02"),
+        ("01 03 03 E7 00 02", f"01 03 04 {done} {status}"),
+    ]
+
+
+def regulator(link, **changes):
+    settings = {
+        "device_id": 1,
+        "pressure_unit": "psi",
+        "max_setpoint_psi": 4.0,
+        "dual_valve": True,
+        "name": "regulator A",
+        "timeout_s": 1.0,
+    }
+    return AlicatModbus(link, **(settings | changes))
+
+
+def test_read_takes_status_pressure_and_setpoint_at_once(registers):
+    device = regulator(registers((READ, reading("00 00 00 00", "C0 00 00 00", AT_3_9))))
+    found = device.read()
+    assert found.gauge_psi == -2.0
+    assert found.setpoint_psi == pytest.approx(3.9)
+    assert found.status == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("bits", "names"),
+    [
+        ("00 00 00 40", {"POV"}),
+        ("00 00 01 00", {"HLD"}),
+        ("00 00 02 00", {"ADC"}),
+        ("00 00 04 00", {"EXH"}),
+        ("00 00 08 00", {"OPL"}),
+        ("00 00 05 40", {"POV", "HLD", "EXH"}),
+        ("80 00 00 00", {"BIT31"}),
+    ],
+)
+def test_status_bits(registers, bits, names):
+    assert regulator(registers((READ, reading(bits)))).read().status == names
+
+
+def test_a_device_in_millibar(registers):
+    device = regulator(registers((READ, reading(AT_0, "43 86 72 B0", AT_0))), pressure_unit="mbar")
+    assert device.read().gauge_psi == pytest.approx(3.9, abs=1e-4)
+
+
+def test_setpoint_goes_as_one_request(registers):
+    device = regulator(
+        registers(
+            (f"01 10 03 F1 00 02 04 {AT_3_9}", "01 10 03 F1 00 02"),
+            (READ, reading(AT_0, AT_0, AT_3_9)),
+        )
+    )
+    assert device.write_setpoint(3.9).setpoint_psi == pytest.approx(3.9)
+
+
+def test_a_setpoint_that_is_not_taken(registers):
+    device = regulator(
+        registers(
+            (f"01 10 03 F1 00 02 04 {AT_3_9}", "01 10 03 F1 00 02"),
+            *[(READ, reading(AT_0, AT_0, AT_0))] * 3,
+        )
+    )
+    with pytest.raises(ReadBackMismatch, match=r"3.9 psi was written, 0 psi was read back.*source"):
+        device.write_setpoint(3.9)
+
+
+@pytest.mark.parametrize("setpoint_psi", [4.01, -0.01, float("nan")])
+def test_no_byte_leaves_for_a_setpoint_out_of_range(registers, setpoint_psi):
+    with pytest.raises(SetpointOutOfRange):
+        regulator(registers()).write_setpoint(setpoint_psi)
+
+
+def test_exhaust_counts_when_it_is_read_back(registers):
+    device = regulator(registers(*command("00 03"), (READ, reading(AT_0)), (READ, reading("00 00 04 00"))))
+    assert device.exhaust().exhausting
+
+
+def test_exhaust_that_is_not_read_back_is_no_exhaust(registers):
+    device = regulator(registers(*command("00 03"), *[(READ, reading(AT_0))] * 3))
+    with pytest.raises(ReadBackMismatch, match="EXH was not read back"):
+        device.exhaust()
+
+
+def test_a_single_valve_has_no_exhaust_and_no_byte_leaves(registers):
+    with pytest.raises(InstrumentRefused, match="single-valve"):
+        regulator(registers(), dual_valve=False).exhaust()
+
+
+def test_cancel_hold(registers):
+    assert not regulator(registers(*command("00 00"), (READ, reading(AT_0)))).cancel_hold().holding
+
+
+def test_a_hold_that_stays_is_reported(registers):
+    device = regulator(registers(*command("00 00"), *[(READ, reading("00 00 01 00"))] * 3))
+    with pytest.raises(ReadBackMismatch, match="HLD"):
+        device.cancel_hold()
+
+
+@pytest.mark.parametrize(
+    ("status", "meaning"),
+    [("80 01", "unknown command"), ("80 02", "bad setting"), ("80 03", "not supported")],
+)
+def test_a_refused_command_says_why(registers, status, meaning):
+    with pytest.raises(InstrumentRefused, match=meaning):
+        regulator(registers(*command("00 03", status))).exhaust()
+
+
+@pytest.mark.parametrize(("status", "done"), [("12 34", "00 06"), ("00 00", "00 04")])
+def test_a_result_of_nothing_known_is_garbled(registers, status, done):
+    with pytest.raises(GarbledReply):
+        regulator(registers(*command("00 03", status, done))).exhaust()
+
+
+@pytest.mark.parametrize(
+    "reply",
+    [
+        reading("FF FF FF FF"),
+        reading(AT_0, "FF FF FF FF"),
+        reading(AT_0, AT_3_9, "7F 80 00 00"),
+        reading(AT_0, "42 C8 00 00"),
+        # 3.9 with its words exchanged
+        reading(AT_0, "99 9A 40 79", "47 C3 50 00"),
+    ],
+)
+def test_what_cannot_be_a_pressure_is_no_reading(registers, reply):
+    with pytest.raises(GarbledReply, match="regulator A"):
+        regulator(registers((READ, reply))).read()
+
+
+def test_identify_tells_that_the_wire_does_not_tell(registers):
+    identity = regulator(registers((READ, reading(AT_0)))).identify()
+    assert identity.serial_number is None
+    assert "neither model nor unit" in identity.notes[0]
+
+
+@pytest.mark.parametrize("device_id", [0, 248])
+def test_broadcast_is_no_device(registers, device_id):
+    with pytest.raises(BadInput, match="device id"):
+        regulator(registers(), device_id=device_id)

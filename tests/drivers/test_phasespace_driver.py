@@ -1,0 +1,304 @@
+"""Packets as in the wire page's byte examples; the server's side is put together here, by hand."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from labctl.drivers import phasespace_wire as wire
+from labctl.drivers.phasespace import PhaseSpace
+from labctl.errors import BadInput, GarbledReply, InstrumentRefused, LinkDown, NoAnswer
+
+NAMES = {"internal": 1, "error": 2, "fatal": 3, "initialize": 4, "done": 5, "streaming": 6, "frequency": 7}
+TYPES_TEXT = "table=types 1=byte 2=int 3=float 127=error 128=frame 132=marker"
+NAMES_TEXT = (
+    "table=names 0=x,1,2 1=internal 2=error 3=fatal 4=initialize 5=done 6=streaming 7=frequency 8=timebase,0 "
+    "32=raw 33=markers 99=new-fangled"
+)
+INITIALIZED = "initialized=1 streaming=0 frequency=240 maxfrequency=960 timebase=1,1000000 novelty=7"
+RAW, MARKERS = 32, 33
+
+
+def said(packet_id, packet_type, payload=b"", time=0):
+    """A server's packet: its first eight bytes sum to 0."""
+    head = struct.pack("<HB", packet_id, packet_type)
+    size = struct.pack("<I", len(payload))
+    checksum = (256 - sum(head + size) % 256) % 256
+    return head + bytes([checksum]) + size + struct.pack("<q", time) + payload
+
+
+def text(packet_id, words):
+    return said(packet_id, 1, words.encode())
+
+
+def marker(marker_id, x, y, z, cond, time=0):
+    return struct.pack("<IIqffff", marker_id, 0, time, x, y, z, cond)
+
+
+def frame(time, *records, close=b"\0\0\0\0"):
+    return said(RAW << 8 | MARKERS, 0x84, b"".join(records), time) + said(RAW, 0x80, close, time)
+
+
+GREETING = text(0, TYPES_TEXT) + text(0, NAMES_TEXT) + text(0, "opened=1")
+SESSION = GREETING + text(NAMES["initialize"], INITIALIZED)
+STREAMING = said(NAMES["streaming"], 2, struct.pack("<i", 1))
+STOPPED = said(NAMES["streaming"], 2, struct.pack("<i", 0))
+
+
+def source(stream, **changes):
+    settings = {"frequency_hz": 240.0, "length_unit_mm": 1.0, "name": "markers", "timeout_s": 1.0}
+    return PhaseSpace(stream, **(settings | changes))
+
+
+@pytest.fixture
+def started(stream):
+    link = stream(SESSION, STREAMING)
+    device = source(link)
+    device.start()
+    return device, link
+
+
+def test_the_pages_packets():
+    opened = bytes.fromhex("00 00 01 F7 08 00 00 00") + bytes(8) + bytes.fromhex("6F 70 65 6E 65 64 3D 31")
+    assert wire.packet(0, 1, b"opened=1") == opened
+    assert wire.packet(0x2021, 0x84, bytes(512))[:8].hex(" ") == "21 20 84 39 00 02 00 00"
+    assert wire.parse_header(opened[:16]) == wire.Header(0, 1, 8, 0)
+    # The other seven bytes sum to 0 here: the checksum is 0 and not 256.
+    assert wire.packet(13, 1, bytes(242))[3] == 0
+
+
+def test_the_session_as_the_client_sends_it(stream):
+    link = stream(SESSION, STREAMING, STOPPED)
+    device = source(link)
+    device.identify()
+    device.start()
+    device.start()
+    device.stop()
+    device.stop()
+    device.close()
+    options = b"event.raw=1 event.markers=1 event.rigids=1 event.info=1 timebase=1,1000000 frequency=240"
+    assert link.heard == (
+        wire.packet(1, 1, b"protocol=2 libowl=5.2.459")
+        + wire.packet(4, 1, options)
+        + wire.packet(6, 2, b"\1\0\0\0")
+        + wire.packet(6, 2, b"\0\0\0\0")
+        + wire.packet(5, 1)
+    )
+
+
+def test_identify_tells_what_the_server_told(stream):
+    identity = source(stream(SESSION)).identify()
+    assert identity.notes == ("frequency 240", "maxfrequency 960", "timebase 1,1000000")
+    assert identity.serial_number is None
+
+
+@pytest.mark.parametrize(
+    "session",
+    [
+        text(0, "opened=1") + text(0, NAMES_TEXT) + text(4, INITIALIZED),
+        text(0, "table=names 1=internal") + GREETING + text(4, INITIALIZED),
+        GREETING + text(0, "table=trackers id=0,0,point,default") + text(0, INITIALIZED),
+        GREETING + text(0, "novelties=1 a=b=c word") + said(77, 9, b"??") + text(4, INITIALIZED + "\0"),
+    ],
+    ids=["tables last", "names in parts", "initialized on id 0", "unknown names and keys"],
+)
+def test_greetings_that_are_accepted(stream, session):
+    source(stream(session)).identify()
+
+
+def test_names_are_looked_up_and_not_assumed(stream):
+    names = "table=names 41=internal 42=initialize 43=streaming 44=raw 45=markers"
+    link = stream(text(0, names), text(0, "opened=1"), text(42, INITIALIZED), said(43, 2, b"\1\0\0\0"))
+    device = source(link)
+    device.start()
+    assert wire.packet(43, 2, b"\1\0\0\0") in link.heard
+    link.say(said(44 << 8 | 45, 0x84, marker(7, 1, 2, 3, 1), 5) + said(44, 0x80, b"", 5))
+    assert device.next_frame().ids.tolist() == [7]
+
+
+def test_a_frame(started):
+    device, link = started
+    link.say(frame(1_500_000, marker(0, 1.5, -2.0, 3.25, 4.0), marker(12, 0, 0, 0, -1.0)))
+    found = device.next_frame()
+    assert found.time_s == 1.5
+    assert found.ids.tolist() == [0, 12]
+    assert found.ids.dtype == np.int64
+    assert found.positions_mm.tolist() == [[1.5, -2.0, 3.25], [0, 0, 0]]
+    # An occluded marker stays in the frame, and says that it is occluded.
+    assert found.cond.tolist() == [4.0, -1.0]
+
+
+def test_frames_come_in_the_order_sent_and_close_with_or_without_payload(started):
+    device, link = started
+    link.say(frame(1, marker(1, 0, 0, 0, 1)), frame(2, marker(2, 0, 0, 0, 1), close=b""))
+    assert [device.next_frame().ids.tolist() for _ in range(2)] == [[1], [2]]
+
+
+def test_a_frame_without_markers_is_empty_not_missing(started):
+    device, link = started
+    link.say(said(RAW, 0x80, b"", 7))
+    found = device.next_frame()
+    assert (found.ids.shape, found.positions_mm.shape, found.cond.shape) == ((0,), (0, 3), (0,))
+
+
+def test_other_data_and_unused_slots_are_left_out(started):
+    device, link = started
+    link.say(
+        said(RAW << 8 | 34, 0x85, bytes(48), 9),
+        said(22, 0x81, bytes(40)),
+        frame(9, marker(3, 1, 1, 1, 1), marker(0xFFFFFFFF, 0, 0, 0, 0)),
+    )
+    assert device.next_frame().ids.tolist() == [3]
+
+
+def test_lengths_are_in_the_instruments_unit(stream):
+    link = stream(SESSION, STREAMING, frame(1, marker(1, 0.001, 0.25, 2.0, 1)))
+    device = source(link, length_unit_mm=1000.0)
+    device.start()
+    np.testing.assert_allclose(device.next_frame().positions_mm, [[1.0, 250.0, 2000.0]], rtol=1e-6)
+
+
+def test_without_a_timebase_time_counts_frames(stream):
+    session = GREETING + text(4, "initialized=1 streaming=0 frequency=240")
+    device = source(stream(session, STREAMING, frame(480)))
+    device.start()
+    assert device.next_frame().time_s == 2.0
+
+
+def test_nothing_is_lost_by_a_time_out_in_the_middle(stream):
+    link = stream()
+    device = source(link)
+    whole = SESSION + STREAMING + frame(1, marker(5, 1, 2, 3, 1))
+    found = None
+    for at in range(0, len(whole), 7):
+        link.say(whole[at : at + 7])
+        try:
+            device.start()
+            found = device.next_frame()
+        except NoAnswer:
+            continue
+    assert found is not None
+    assert found.ids.tolist() == [5]
+    # The session's texts went out once, whatever was tried again.
+    assert link.heard.count(b"protocol=2") == 1
+    assert link.heard.count(b"event.raw=1") == 1
+
+
+def test_stop_drops_the_frames_not_fetched(started):
+    device, link = started
+    link.say(frame(1), frame(2), STOPPED)
+    device.stop()
+    with pytest.raises(NoAnswer, match="start it first"):
+        device.next_frame()
+    link.say(STREAMING, frame(3))
+    device.start()
+    assert device.next_frame().time_s == pytest.approx(3e-6)
+
+
+def test_a_frequency_that_was_not_taken_is_asked_for_again_and_then_refused(stream):
+    session = GREETING + text(4, "initialized=1 frequency=960")
+    link = stream(session, said(7, 3, struct.pack("<f", 480.0)))
+    with pytest.raises(InstrumentRefused, match=r"240 Hz was asked for and the server runs at 480.0 Hz"):
+        source(link).identify()
+    assert link.heard.endswith(wire.packet(7, 3, struct.pack("<f", 240.0)))
+
+
+def test_a_frequency_that_is_told_late_is_accepted(stream):
+    session = GREETING + text(4, "initialized=1")
+    source(stream(session, said(7, 3, struct.pack("<f", 240.0)))).identify()
+
+
+@pytest.mark.parametrize(
+    "packet",
+    [said(2, 0x7F, b"no cameras"), said(3, 1, b"no cameras"), said(50, 0x7F, b"no cameras")],
+    ids=["error", "fatal", "type alone"],
+)
+def test_an_error_of_the_server_is_a_refusal_in_its_words(stream, packet):
+    link = stream(GREETING, packet)
+    with pytest.raises(InstrumentRefused, match="no cameras"):
+        source(link).identify()
+
+
+def test_an_error_on_id_0_is_ignored(stream):
+    source(stream(GREETING, said(0, 0x7F, b"no cameras"), text(4, INITIALIZED))).identify()
+
+
+def test_a_stream_that_another_client_ended_says_so(started):
+    device, link = started
+    link.say(frame(1), text(5, "initialized=0 streaming=0"))
+    device.next_frame()
+    with pytest.raises(InstrumentRefused, match="ended the stream"):
+        device.next_frame()
+
+
+def test_a_stream_that_is_not_granted(stream):
+    with pytest.raises(InstrumentRefused, match="streaming 1 was asked for and the server answers 0"):
+        source(stream(SESSION, STOPPED)).start()
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        frame(1, marker(1, 0, 0, 0, 1), marker(1, 0, 0, 0, 1)),
+        frame(1, marker(1, float("nan"), 0, 0, 1)),
+        frame(1, marker(1, 0, 0, 0, float("nan"))),
+        frame(1, bytes(31)),
+        said(RAW << 8 | MARKERS, 0x84, marker(1, 0, 0, 0, 1), 1) + said(RAW, 0x80, b"", 2),
+    ],
+    ids=["id twice", "no place", "no cond", "partial record", "another time"],
+)
+def test_a_frame_that_contradicts_itself_is_left_out_and_the_next_is_read(started, bad):
+    device, link = started
+    link.say(bad, frame(9, marker(4, 0, 0, 0, 1)))
+    with pytest.raises(GarbledReply, match="markers: "):
+        device.next_frame()
+    assert device.next_frame().ids.tolist() == [4]
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        bytes.fromhex("20 00 80 5D 04 00 00 00") + bytes(8),
+        said(RAW, 0x84)[:3]
+        + bytes([(256 - (0x20 + 0x84 + 0x01 + 0x40)) % 256])
+        + struct.pack("<Iq", 0x400001, 0),
+    ],
+    ids=["checksum", "above 4 MiB"],
+)
+def test_where_the_next_packet_cannot_be_found_the_stream_is_given_up(started, header):
+    device, link = started
+    link.say(header)
+    with pytest.raises(GarbledReply, match="given up"):
+        device.next_frame()
+    assert link.closed == 1
+    for call in (device.next_frame, device.stop):
+        with pytest.raises(LinkDown, match="open the rig again"):
+            call()
+    device.close()
+
+
+def test_a_server_that_closes_is_down_not_silent(started):
+    device, link = started
+    link.hung_up = True
+    with pytest.raises(LinkDown):
+        device.next_frame()
+
+
+def test_a_server_of_another_kind_is_refused(stream):
+    names = "table=names 4=initialize"
+    with pytest.raises(InstrumentRefused, match="no 'internal'"):
+        source(stream(text(0, names), text(0, "opened=1"))).identify()
+
+
+@pytest.mark.parametrize(
+    "setting", [{"frequency_hz": 961.0}, {"frequency_hz": 0.0}, {"length_unit_mm": 0.0}], ids=str
+)
+def test_settings_that_cannot_be(stream, setting):
+    with pytest.raises(BadInput, match="markers"):
+        source(stream(), **setting)
+
+
+def test_numbers_of_a_packet():
+    assert wire.parse_numbers(wire.INT, struct.pack("<ii", 1, 2_000_000_001)) == "1,2000000001"
+    with pytest.raises(GarbledReply):
+        wire.parse_numbers(wire.FLOAT, b"abc")
