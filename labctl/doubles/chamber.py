@@ -1,0 +1,108 @@
+"""The chamber and the regulator that fills it: pressure against time."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+
+class Mode(Enum):
+    """What the regulator's valves do."""
+
+    CONTROL = "control"
+    HOLD_CLOSED = "hold closed"
+    HOLD_CURRENT = "hold current"
+    EXHAUST = "exhaust"
+
+
+@dataclass(frozen=True)
+class ChamberSettings:
+    """How the chamber fills and empties.
+
+    Pressure follows a ramp of `ramp_psi_per_s` as a second-order system (`response_rad_per_s`, `damping`),
+    which overshoots by 0.05 psi at the ramp's end. `exhaust_s` and `dump_s` are the time constants of the
+    open exhaust and of the open dump valve, `bleed_s` that of the only way down that a single-valve
+    regulator has; `leak_per_s` is the fraction lost a second. `overpressure_psi_per_s` is the climb with
+    the inlet stuck open, up to `supply_psi`. `noise_psi` is the sensor's standard deviation.
+    """
+
+    ramp_psi_per_s: float = 1.5
+    response_rad_per_s: float = 8.0
+    damping: float = 0.53
+    exhaust_s: float = 0.17
+    dump_s: float = 0.15
+    bleed_s: float = 20.0
+    leak_per_s: float = 0.005
+    overpressure_psi_per_s: float = 0.5
+    supply_psi: float = 8.0
+    full_scale_psi: float = 15.0
+    noise_psi: float = 0.005
+
+
+class Chamber:
+    """One volume behind one regulator; gauge pressures in psi.
+
+    `single_valve` is a regulator without an exhaust valve: it comes down by the bleed alone. `tare_psi` is
+    the true pressure that the sensor calls zero.
+    """
+
+    def __init__(self, settings: ChamberSettings, single_valve: bool, rng: np.random.Generator) -> None:
+        self.settings = settings
+        self.single_valve = single_valve
+        self.mode = Mode.CONTROL
+        self.pressure_psi = 0.0
+        self.setpoint_psi = 0.0
+        self.tare_psi = 0.0
+        self.measured_psi = 0.0
+        self._rng = rng
+        self._reference_psi = 0.0
+        self._rate_psi_per_s = 0.0
+
+    def step(
+        self, dt_s: float, *, dump_open: bool = False, inlet_stuck: bool = False, exhaust_stuck: bool = False
+    ) -> None:
+        """Advance by `dt_s`.
+
+        `inlet_stuck` is an inlet stuck open, `exhaust_stuck` an exhaust valve stuck shut.
+        """
+        venting = self.mode is Mode.EXHAUST and not exhaust_stuck
+        if self.mode is Mode.CONTROL and not inlet_stuck:
+            self._control(dt_s, dump_open)
+        else:
+            self._rest()
+        if inlet_stuck and not venting:
+            climbed = self.pressure_psi + self.settings.overpressure_psi_per_s * dt_s
+            self.pressure_psi = max(self.pressure_psi, min(climbed, self.settings.supply_psi))
+        self._lose(dt_s, venting, dump_open)
+        noise = self.settings.noise_psi * self._rng.standard_normal()
+        self.measured_psi = self.pressure_psi - self.tare_psi + noise
+
+    def _control(self, dt_s: float, dump_open: bool) -> None:
+        s = self.settings
+        target = max(0.0, self.setpoint_psi + self.tare_psi)
+        move = s.ramp_psi_per_s * dt_s
+        self._reference_psi += min(max(target - self._reference_psi, -move), move)
+        if dump_open:
+            # The loop must not wind up against the open dump: it runs no further ahead than a ramp's lag.
+            lag_s = 2 * s.damping / s.response_rad_per_s
+            self._reference_psi = min(self._reference_psi, self.pressure_psi + lag_s * s.ramp_psi_per_s)
+        error = self._reference_psi - self.pressure_psi
+        omega = s.response_rad_per_s
+        self._rate_psi_per_s += (omega**2 * error - 2 * s.damping * omega * self._rate_psi_per_s) * dt_s
+        if self.single_valve:
+            self._rate_psi_per_s = max(self._rate_psi_per_s, -self.pressure_psi / s.bleed_s)
+        self.pressure_psi = max(0.0, self.pressure_psi + self._rate_psi_per_s * dt_s)
+
+    def _rest(self) -> None:
+        # Control resumes from where the pressure then is, without a jump.
+        self._reference_psi = self.pressure_psi
+        self._rate_psi_per_s = 0.0
+
+    def _lose(self, dt_s: float, venting: bool, dump_open: bool) -> None:
+        s = self.settings
+        lost_per_s = s.leak_per_s
+        if venting:
+            lost_per_s += 1 / s.exhaust_s
+        if dump_open:
+            lost_per_s += 1 / s.dump_s
+        self.pressure_psi *= max(0.0, 1 - lost_per_s * dt_s)

@@ -1,0 +1,205 @@
+"""Faults that a double can show: what each instrument allows, and how the words for them are read."""
+
+import math
+import threading
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from labctl.clock import Clock
+from labctl.errors import BadInput
+
+Instrument = Literal["regulator", "valves", "markers"]
+Argument = Literal["", "seconds", "count", "channel"]
+
+_ANY_REPLY: dict[str, Argument] = {
+    "silent": "",
+    "garbage": "",
+    "truncated": "",
+    "late": "seconds",
+    "dies-after": "count",
+}
+
+#: Per instrument the kinds of fault and the argument that each takes ("" for none).
+ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
+    {
+        "regulator": MappingProxyType(
+            {
+                **_ANY_REPLY,
+                "wrong-address": "",
+                "stuck-setpoint": "",
+                "ignored-setpoint": "",
+                "stuck-exhaust": "",
+                "overpressure": "",
+            }
+        ),
+        "valves": MappingProxyType(
+            {**_ANY_REPLY, "wrong-address": "", "stuck-coils": "", "stuck-coil": "channel"}
+        ),
+        "markers": MappingProxyType({**_ANY_REPLY, "blind": ""}),
+    }
+)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of one instrument.
+
+    Kinds of every instrument: `silent`; `garbage` (random bytes in place of each reply or frame);
+    `truncated` (half of it); `late` (`value` seconds later); `dies-after` (the port closes after `value`
+    requests, of a marker server after so many frames). Of the regulator and the valves: `wrong-address`
+    (the reply carries another device's address, all else intact).
+    Regulator: `stuck-setpoint` (accepted, never taken over); `ignored-setpoint` (the setpoint source is
+    analog); `stuck-exhaust` (EXH is reported, the valve stays shut); `overpressure` (the inlet sticks open).
+    Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only).
+    Markers: `blind` (every marker occluded).
+
+    `from_s` is the plant time at which it begins.
+    """
+
+    kind: str
+    value: float = 0.0
+    from_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Faults:
+    """The faults of a rig's doubles, instrument by instrument."""
+
+    regulator: tuple[Fault, ...] = field(default=())
+    valves: tuple[Fault, ...] = field(default=())
+    markers: tuple[Fault, ...] = field(default=())
+
+    def of(self, instrument: Instrument) -> tuple[Fault, ...]:
+        """The faults of one instrument."""
+        return {"regulator": self.regulator, "valves": self.valves, "markers": self.markers}[instrument]
+
+
+def parse_faults(words: Iterable[str]) -> Faults:
+    """Faults from words like "regulator=garbage", "valves=late:0.8" or "markers=silent@12" (from 12 s on).
+
+    Raises:
+        BadInput: a word that does not name an instrument and a fault that it can have, or a bad value.
+    """
+    faults = Faults()
+    for word in words:
+        name, equals, rest = word.partition("=")
+        instrument = next((known for known in ALLOWED if known == name.strip()), None)
+        if not equals or instrument is None:
+            raise BadInput(f"fault {word!r} is not INSTRUMENT=KIND; allowed: {_allowed_words()}")
+        fault = _parse_kind(word, instrument, rest.strip())
+        if instrument == "regulator":
+            faults = replace(faults, regulator=(*faults.regulator, fault))
+        elif instrument == "valves":
+            faults = replace(faults, valves=(*faults.valves, fault))
+        else:
+            faults = replace(faults, markers=(*faults.markers, fault))
+    return faults
+
+
+def _allowed_words() -> str:
+    words = []
+    for instrument, kinds in ALLOWED.items():
+        shown = (kind + (f":{argument.upper()}" if argument else "") for kind, argument in kinds.items())
+        words.append(f"{instrument}= {', '.join(shown)}")
+    return "; ".join(words) + "; each may end in @SECONDS, the plant time at which it begins"
+
+
+def _parse_kind(word: str, instrument: Instrument, rest: str) -> Fault:
+    body, at, from_text = rest.partition("@")
+    kind, colon, value_text = body.partition(":")
+    if kind not in ALLOWED[instrument]:
+        raise BadInput(f"fault {word!r}: {instrument} has no fault {kind!r}; allowed: {_allowed_words()}")
+    argument = ALLOWED[instrument][kind]
+    if bool(argument) != bool(colon):
+        wanted = f"write {instrument}={kind}:{argument.upper()}" if argument else "it takes no value"
+        raise BadInput(f"fault {word!r}: {wanted}")
+    value = _number(word, argument, value_text) if argument else 0.0
+    return Fault(kind, value, _number(word, "seconds", from_text) if at else 0.0)
+
+
+def _number(word: str, what: Argument, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    lowest = 1.0 if what == "channel" else 0.0
+    whole = what == "seconds" or value.is_integer()
+    if not math.isfinite(value) or value < lowest or not whole:
+        kind = "a number" if what == "seconds" else "a whole number"
+        raise BadInput(f"fault {word!r}: {what} is {text!r}; it must be {kind} of at least {lowest:g}")
+    return value
+
+
+class FaultPanel:
+    """The faults of one instrument as they stand now; they may be changed while the double runs.
+
+    `origin_s` is the time of `clock` from which `Fault.from_s` counts.
+    """
+
+    def __init__(self, clock: Clock, faults: tuple[Fault, ...] = (), origin_s: float | None = None) -> None:
+        self._clock = clock
+        self._origin_s = clock.now_s() if origin_s is None else origin_s
+        self._faults = faults
+
+    def switch(self, faults: tuple[Fault, ...]) -> None:
+        """Replace all faults by `faults`."""
+        self._faults = faults
+
+    def active(self, kind: str) -> Fault | None:
+        """The fault of that kind if it is there and has begun."""
+        for fault in self._faults:
+            if fault.kind == kind and self._clock.now_s() - self._origin_s >= fault.from_s:
+                return fault
+        return None
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """Bytes to be sent when the clock reads `due_s`."""
+
+    due_s: float
+    data: bytes
+
+
+class LineFaults:
+    """The faults of an instrument's bytes: what becomes of each reply on its way out."""
+
+    def __init__(self, panel: FaultPanel, clock: Clock, rng: np.random.Generator) -> None:
+        self.panel = panel
+        self._clock = clock
+        self._rng = rng
+        self._lock = threading.Lock()
+        self._answered = 0
+        self.dead = False
+
+    def deliver(self, reply: bytes, readdressed: bytes | None = None, count: int = 1) -> Delivery:
+        """What is sent in place of `reply`, and when; `data` is empty where nothing is.
+
+        `readdressed` is the same reply with another device's address; `count` is the number of requests
+        (or frames) that the reply stands for. Sets `dead` when the instrument has died.
+        """
+        with self._lock:
+            due_s = self._clock.now_s()
+            self._count(count)
+            if self.dead or self.panel.active("silent"):
+                return Delivery(due_s, b"")
+            if readdressed is not None and self.panel.active("wrong-address"):
+                reply = readdressed
+            if self.panel.active("truncated"):
+                reply = reply[: len(reply) // 2]
+            if self.panel.active("garbage"):
+                reply = self._rng.bytes(len(reply))
+            late = self.panel.active("late")
+            return Delivery(due_s + late.value if late else due_s, reply)
+
+    def _count(self, count: int) -> None:
+        mortal = self.panel.active("dies-after")
+        if mortal is None:
+            self._answered = 0
+            return
+        self._answered += count
+        self.dead = self.dead or self._answered > mortal.value

@@ -1,0 +1,75 @@
+"""What a set of doubles is made of."""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from labctl.config.design import Design
+from labctl.doubles.faults import Faults
+from labctl.doubles.gap import RealityGap
+from labctl.doubles.markers import MarkerSettings
+from labctl.doubles.plant import PlantSettings
+from labctl.doubles.sheet import Relaxation
+from labctl.errors import BadInput
+
+RelayChannels = Literal[8, 16, 32]
+
+
+@dataclass(frozen=True)
+class DoublesSettings:
+    """A simulated rig: its sheet, its instruments and what is wrong with them.
+
+    `speed` is how fast its time runs against the wall's; `seed` draws all noise (the reality gap has a seed
+    of its own). `dump_channel` is the relay of a normally-open dump valve, None where there is none.
+    `trace_path` takes the plant's truth as JSON lines.
+
+    Raises:
+        BadInput: a speed that is not above 0, or a channel that the relay board does not have.
+    """
+
+    design: Design
+    regulator: Literal["alicat-ascii", "alicat-modbus"] = "alicat-ascii"
+    valve_transport: Literal["rtu", "tcp"] = "rtu"
+    relay_channels: RelayChannels = 32
+    single_valve: bool = False
+    speed: float = 1.0
+    seed: int = 0
+    gap: RealityGap = field(default_factory=RealityGap)
+    relaxation: Relaxation = field(default_factory=Relaxation)
+    markers: MarkerSettings = field(default_factory=MarkerSettings)
+    faults: Faults = field(default_factory=Faults)
+    dump_channel: int | None = None
+    trace_path: Path | None = None
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.speed) and self.speed > 0):
+            raise BadInput(f"speed {self.speed} of the simulated rig must be a finite number above 0")
+        if self.relay_channels not in (8, 16, 32):
+            raise BadInput(f"a relay board of {self.relay_channels} channels is not made: use 8, 16 or 32")
+        for fiber in self.design.fibers:
+            self._check_channel(f"fiber {fiber.id} of design {self.design.name}", fiber.channel)
+        if self.dump_channel is not None:
+            self._check_channel("the dump valve", self.dump_channel)
+            for fiber in self.design.fibers:
+                if fiber.channel == self.dump_channel:
+                    raise BadInput(
+                        f"channel {self.dump_channel} is both the dump valve's and fiber {fiber.id}'s; "
+                        "give the dump valve a channel of its own"
+                    )
+
+    def _check_channel(self, owner: str, channel: int) -> None:
+        if not 1 <= channel <= self.relay_channels:
+            raise BadInput(
+                f"{owner} is on channel {channel}, and the simulated relay board has channels 1 to "
+                f"{self.relay_channels}; use a board with more channels"
+            )
+
+    def plant(self) -> PlantSettings:
+        """The plant that these settings ask for."""
+        return PlantSettings(
+            channels=self.relay_channels,
+            dump_channel=self.dump_channel,
+            single_valve=self.single_valve,
+            relaxation=self.relaxation,
+        )

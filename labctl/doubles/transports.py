@@ -1,0 +1,211 @@
+"""Where a double is reached: a pseudo-terminal in place of a serial port, or TCP on this machine."""
+
+import contextlib
+import os
+import select
+import socket
+import threading
+import tty
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+from labctl.clock import Clock
+from labctl.doubles.faults import Delivery, LineFaults
+
+# Silence that ends a serial Modbus frame: 3.5 characters at 9600 baud are 4 ms.
+GAP_S = 0.005
+_RESTING_POLL_S = 0.05
+_CLOSE_TIMEOUT_S = 5.0
+
+
+class HangUpError(Exception):
+    """The peer sent what ends the connection."""
+
+
+class Line(Protocol):
+    """A device's end of one connection: bytes in, replies out."""
+
+    @property
+    def waiting(self) -> bool:
+        """A silence, or the time, will bring a reply without further bytes."""
+        ...
+
+    def receive(self, data: bytes) -> list[bytes]:
+        """One reply for each request that `data` completes, empty where the request gets none."""
+        ...
+
+    def idle(self) -> list[bytes]:
+        """Replies to what a silence of `GAP_S` completes."""
+        ...
+
+    def unprompted(self) -> bytes:
+        """What the device sends of its own accord now."""
+        ...
+
+    def readdressed(self, reply: bytes) -> bytes:
+        """The reply with another device's address and everything else in order."""
+        ...
+
+
+class _Connection:
+    """A file descriptor, the line behind it and the replies that are not due yet."""
+
+    def __init__(self, fd: int, line: Line, faults: LineFaults, clock: Clock) -> None:
+        self.fd = fd
+        self._line = line
+        self._faults = faults
+        self._clock = clock
+        self._due: deque[Delivery] = deque()
+
+    @property
+    def waiting(self) -> bool:
+        return self._line.waiting or bool(self._due)
+
+    def take(self) -> None:
+        data = os.read(self.fd, 4096)
+        if not data:
+            raise HangUpError("closed by the peer")
+        self._queue(self._line.receive(data))
+
+    def idle(self) -> None:
+        self._queue(self._line.idle())
+
+    def _queue(self, replies: list[bytes]) -> None:
+        for reply in replies:
+            self._due.append(self._faults.deliver(reply, self._line.readdressed(reply)))
+
+    def send_due(self) -> None:
+        if unprompted := self._line.unprompted():
+            self._due.append(self._faults.deliver(unprompted, count=0))
+        while self._due and self._due[0].due_s <= self._clock.now_s():
+            data = self._due.popleft().data
+            # A serial line that nobody reads loses bytes; a double must not stop for that.
+            with contextlib.suppress(BlockingIOError):
+                if data:
+                    os.write(self.fd, data)
+
+
+class ByteServer:
+    """One instrument's thread: reads requests, sends replies, applies the faults of its bytes.
+
+    Made by `serve_pty` or `serve_tcp`; `address` is the terminal's path or "host:port".
+    """
+
+    def __init__(self, name: str, address: str, faults: LineFaults, clock: Clock) -> None:
+        self.name = name
+        self.address = address
+        self._faults = faults
+        self._clock = clock
+        self._connections: dict[int, _Connection] = {}
+        self._listener: socket.socket | None = None
+        self._sockets: dict[int, socket.socket] = {}
+        self._line_of: Callable[[], Line] | None = None
+        self._held_fds: list[int] = []
+        self._wake_read, self._wake_write = os.pipe()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name=f"double {name}", daemon=True)
+
+    def attach_terminal(self, master: int, slave: int, line: Line) -> None:
+        """Serve a pseudo-terminal; the slave stays open here so that a client may come and go."""
+        os.set_blocking(master, False)
+        self._held_fds = [master, slave]
+        self._connections[master] = _Connection(master, line, self._faults, self._clock)
+
+    def attach_listener(self, listener: socket.socket, line_of: Callable[[], Line]) -> None:
+        """Serve whoever connects, each with a line of its own."""
+        self._listener = listener
+        self._line_of = line_of
+
+    def start(self) -> None:
+        """Begin to serve."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop serving and give the port back; may be called twice."""
+        if not self._stop.is_set():
+            self._stop.set()
+            os.write(self._wake_write, b"x")
+            self._thread.join(_CLOSE_TIMEOUT_S)
+            os.close(self._wake_write)
+            os.close(self._wake_read)
+
+    def _serve(self) -> None:
+        try:
+            while not self._stop.is_set() and not self._faults.dead:
+                self._turn()
+        finally:
+            self._release()
+
+    def _turn(self) -> None:
+        fds = [self._wake_read, *self._connections]
+        if self._listener is not None:
+            fds.append(self._listener.fileno())
+        waiting = any(connection.waiting for connection in self._connections.values())
+        ready, _, _ = select.select(fds, [], [], GAP_S if waiting else _RESTING_POLL_S)
+        if self._listener is not None and self._listener.fileno() in ready:
+            self._accept(self._listener)
+        for fd, connection in list(self._connections.items()):
+            try:
+                if fd in ready:
+                    connection.take()
+                else:
+                    connection.idle()
+                connection.send_due()
+            except (HangUpError, ConnectionError):
+                self._drop(fd)
+
+    def _accept(self, listener: socket.socket) -> None:
+        peer, _ = listener.accept()
+        peer.setblocking(False)
+        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if self._line_of is None:
+            raise RuntimeError(f"{self.name}: a listener without lines")
+        self._sockets[peer.fileno()] = peer
+        self._connections[peer.fileno()] = _Connection(
+            peer.fileno(), self._line_of(), self._faults, self._clock
+        )
+
+    def _drop(self, fd: int) -> None:
+        del self._connections[fd]
+        if fd in self._sockets:
+            self._sockets.pop(fd).close()
+
+    def _release(self) -> None:
+        for peer in self._sockets.values():
+            peer.close()
+        if self._listener is not None:
+            self._listener.close()
+        for fd in self._held_fds:
+            os.close(fd)
+        self._connections.clear()
+
+
+def serve_pty(name: str, line: Line, faults: LineFaults, clock: Clock) -> ByteServer:
+    """A line behind a raw pseudo-terminal; `address` is the path that a serial client opens."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    server = ByteServer(name, os.ttyname(slave), faults, clock)
+    server.attach_terminal(master, slave, line)
+    server.start()
+    return server
+
+
+def listen(host: str = "127.0.0.1", port: int = 0) -> socket.socket:
+    """A listening TCP socket; port 0 takes a free one."""
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener.bind((host, port))
+    listener.listen()
+    return listener
+
+
+def serve_tcp(
+    name: str, line_of: Callable[[], Line], faults: LineFaults, clock: Clock, listener: socket.socket
+) -> ByteServer:
+    """Lines behind a listening socket, one for each connection; `address` is "host:port"."""
+    host, port = listener.getsockname()
+    server = ByteServer(name, f"{host}:{port}", faults, clock)
+    server.attach_listener(listener, line_of)
+    server.start()
+    return server

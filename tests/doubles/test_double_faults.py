@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+
+from labctl.doubles.faults import Fault, FaultPanel, Faults, LineFaults, parse_faults
+from labctl.errors import BadInput
+
+
+def test_words_become_faults_of_their_instrument():
+    words = ["regulator=garbage", "valves=late:0.8", "valves=stuck-coil:7", "markers=silent@12"]
+    assert parse_faults(words) == Faults(
+        regulator=(Fault("garbage"),),
+        valves=(Fault("late", 0.8), Fault("stuck-coil", 7.0)),
+        markers=(Fault("silent", from_s=12.0),),
+    )
+    assert parse_faults(["regulator=dies-after:3@1.5"]).regulator == (Fault("dies-after", 3.0, 1.5),)
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("garbage", "is not INSTRUMENT=KIND; allowed: regulator= silent, garbage"),
+        ("pump=silent", "is not INSTRUMENT=KIND"),
+        ("valves=stuck-exhaust", "valves has no fault 'stuck-exhaust'; allowed: .*valves= .*stuck-coils"),
+        ("markers=late", "write markers=late:SECONDS"),
+        ("markers=silent:3", "it takes no value"),
+        ("markers=late:soon", "seconds is 'soon'; it must be a number of at least 0"),
+        ("markers=late:-1", "at least 0"),
+        ("markers=late:nan", "seconds is 'nan'"),
+        ("regulator=dies-after:2.5", "count is '2.5'; it must be a whole number"),
+        ("valves=stuck-coil:0", "at least 1"),
+        ("valves=silent@later", "seconds is 'later'"),
+    ],
+)
+def test_other_words_are_refused_with_what_is_allowed(word, message):
+    with pytest.raises(BadInput, match=message):
+        parse_faults([word])
+
+
+@pytest.fixture
+def line(clock):
+    def make(*words):
+        faults = parse_faults([f"regulator={word}" for word in words]).regulator
+        return LineFaults(FaultPanel(clock, faults), clock, np.random.default_rng(0))
+
+    return make
+
+
+def test_replies_pass_untouched_without_faults(line, clock):
+    delivery = line().deliver(b"A +003.90\r", b"B +003.90\r")
+    assert (delivery.data, delivery.due_s) == (b"A +003.90\r", clock.now_s())
+
+
+@pytest.mark.parametrize(
+    ("word", "sent"),
+    [("silent", b""), ("truncated", b"A +00"), ("wrong-address", b"B +003.90\r")],
+)
+def test_what_a_fault_makes_of_a_reply(line, word, sent):
+    assert line(word).deliver(b"A +003.90\r", b"B +003.90\r").data == sent
+
+
+def test_garbage_is_as_long_as_the_reply_and_replays_with_its_seed(line):
+    first = line("garbage").deliver(b"A +003.90\r").data
+    assert len(first) == 10
+    assert first != b"A +003.90\r"
+    assert line("garbage").deliver(b"A +003.90\r").data == first
+
+
+def test_late_reply_is_due_later(line, clock):
+    assert line("late:0.8").deliver(b"A\r").due_s == pytest.approx(clock.now_s() + 0.8)
+
+
+def test_dies_after_so_many_requests(line):
+    faults = line("dies-after:2")
+    assert [faults.deliver(b"x").data for _ in range(3)] == [b"x", b"x", b""]
+    assert faults.dead
+
+
+def test_fault_begins_at_its_time_and_can_be_switched(clock):
+    panel = FaultPanel(clock, (Fault("silent", from_s=12.0),))
+    clock.sleep(11.9)
+    assert panel.active("silent") is None
+    clock.sleep(0.2)
+    assert panel.active("silent") == Fault("silent", from_s=12.0)
+    panel.switch(())
+    assert panel.active("silent") is None

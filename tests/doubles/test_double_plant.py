@@ -1,0 +1,189 @@
+import numpy as np
+import pytest
+
+from labctl.doubles.chamber import ChamberSettings, Mode
+from labctl.doubles.plant import PlantSettings
+from labctl.doubles.sheet import Relaxation
+
+
+def pressures_psi(plant, clock, seconds, step_s=0.02):
+    readings = []
+    for _ in range(round(seconds / step_s)):
+        clock.sleep(step_s)
+        readings.append(plant.state().pressure_psi)
+    return readings
+
+
+def test_fills_to_the_setpoint_with_a_slight_overshoot(plant_of, clock):
+    plant = plant_of()
+    plant.write_setpoint(3.9)
+    rising = pressures_psi(plant, clock, 8.0)
+    assert 3.92 < max(rising) < 3.98
+    assert rising[-1] == pytest.approx(3.9, abs=0.01)
+    at_2_s = rising[99]
+    assert at_2_s == pytest.approx(1.5 * 2.0, abs=0.3)
+
+
+def test_exhaust_vents_below_a_tenth_of_a_psi_in_0_7_s_and_cancel_refills(plant_of, clock):
+    plant = plant_of()
+    plant.write_setpoint(3.9)
+    clock.sleep(6)
+    plant.switch_mode(Mode.EXHAUST)
+    clock.sleep(0.7)
+    assert plant.state().pressure_psi < 0.1
+    assert plant.state().exhausting
+    plant.switch_mode(Mode.CONTROL)
+    clock.sleep(6)
+    assert plant.state().pressure_psi == pytest.approx(3.9, abs=0.01)
+
+
+def test_hold_closed_leaks_slowly_and_hold_current_is_a_hold_too(plant_of, clock):
+    plant = plant_of()
+    plant.write_setpoint(3.9)
+    clock.sleep(6)
+    plant.switch_mode(Mode.HOLD_CLOSED)
+    plant.write_setpoint(0.0)
+    clock.sleep(10)
+    state = plant.state()
+    assert state.holding
+    assert state.pressure_psi == pytest.approx(3.9 * np.exp(-10 * 0.005), abs=0.02)
+
+
+def test_single_valve_regulator_fills_as_fast_and_comes_down_only_slowly(plant_of, clock):
+    plant = plant_of(PlantSettings(single_valve=True))
+    plant.write_setpoint(3.9)
+    clock.sleep(6)
+    assert plant.state().pressure_psi == pytest.approx(3.9, abs=0.05)
+    plant.write_setpoint(0.0)
+    clock.sleep(5)
+    assert plant.state().pressure_psi > 2.5
+    clock.sleep(120)
+    assert plant.state().pressure_psi < 0.1
+
+
+def test_dump_valve_is_open_until_its_coil_is_on(plant_of, clock):
+    plant = plant_of(PlantSettings(dump_channel=32))
+    plant.write_setpoint(3.9)
+    clock.sleep(5)
+    assert plant.state().pressure_psi < 0.3
+    plant.write_coils({32: True})
+    rising = pressures_psi(plant, clock, 6.0)
+    assert rising[-1] == pytest.approx(3.9, abs=0.01)
+    assert max(rising) < 4.0
+    plant.write_coils({32: False})
+    clock.sleep(1)
+    assert plant.state().pressure_psi < 0.3
+
+
+def test_sensor_noise_is_seeded_and_of_the_size_asked_for(plant_of, clock):
+    def readings(seed):
+        plant = plant_of(seed=seed)
+        values = []
+        for _ in range(400):
+            clock.sleep(0.01)
+            values.append(plant.state().measured_psi)
+        return values
+
+    first = readings(3)
+    assert readings(3) == first
+    assert readings(4) != first
+    assert np.std(first) == pytest.approx(0.005, rel=0.15)
+
+
+def test_tare_under_pressure_shifts_what_the_regulator_believes(plant_of, clock):
+    plant = plant_of()
+    plant.write_setpoint(1.0)
+    clock.sleep(4)
+    plant.tare()
+    clock.sleep(6)
+    state = plant.state()
+    assert state.measured_psi == pytest.approx(1.0, abs=0.03)
+    assert state.pressure_psi == pytest.approx(2.0, abs=0.02)
+
+
+def test_overpressure_climbs_past_the_setpoint_and_the_exhaust_still_vents(plant_of, clock):
+    plant = plant_of(faults=["regulator=overpressure@6"])
+    plant.write_setpoint(3.9)
+    clock.sleep(5.9)
+    assert plant.state().pressure_psi < 4.0
+    clock.sleep(2)
+    assert plant.state().pressure_psi > 4.5
+    clock.sleep(60)
+    assert plant.state().pressure_psi <= ChamberSettings().supply_psi
+    plant.switch_mode(Mode.EXHAUST)
+    clock.sleep(1)
+    assert plant.state().pressure_psi < 0.1
+
+
+def test_stuck_exhaust_says_that_it_exhausts_and_keeps_the_pressure(plant_of, clock):
+    plant = plant_of(faults=["regulator=stuck-exhaust"])
+    plant.write_setpoint(3.9)
+    clock.sleep(6)
+    plant.switch_mode(Mode.EXHAUST)
+    clock.sleep(2)
+    assert plant.state().exhausting
+    assert plant.state().pressure_psi > 3.7
+
+
+def test_fiber_is_jammed_50_ms_after_its_coil(plant_of, clock):
+    plant = plant_of()
+    plant.write_coils({1: True, 20: True})
+    assert plant.state().coils == {1, 20}
+    clock.sleep(0.04)
+    assert plant.state().jammed == frozenset()
+    clock.sleep(0.02)
+    assert plant.state().jammed == {"left", "under"}
+    plant.write_coils({1: False})
+    clock.sleep(0.06)
+    assert plant.state().jammed == {"under"}
+
+
+def test_flash_timer_switches_back_and_a_write_ends_it(plant_of, clock):
+    plant = plant_of()
+    plant.flash(1, True, 0.7)
+    clock.sleep(0.65)
+    assert plant.state().coils == {1}
+    plant.flash(1, True, 0.7)
+    clock.sleep(0.65)
+    assert plant.state().coils == {1}
+    clock.sleep(0.1)
+    assert plant.state().coils == frozenset()
+    plant.flash(1, True, 0.7)
+    plant.write_coils({1: True})
+    clock.sleep(2)
+    assert plant.state().coils == {1}
+
+
+def test_sheet_follows_pressure_and_pattern_with_a_fast_and_a_slow_part(plant_of, clock):
+    relaxation = Relaxation(fast_s=1.5, slow_s=30.0, slow_fraction=0.1)
+    plant = plant_of(PlantSettings(relaxation=relaxation))
+    points = plant.state().points_mm
+    assert np.all(points[:, 2] == 0)
+    plant.write_setpoint(3.9)
+    clock.sleep(400)
+    full = plant.state().points_mm
+    assert full[:, 2] == pytest.approx(points[:, 0] / 5, abs=0.05)
+    plant.write_coils({1: True})
+    clock.sleep(0.05 + 1.5)
+    moved = (plant.state().points_mm - full)[:, 2]
+    still_to_go = points[:, 1] / 5 - points[:, 0] / 5
+    share = moved[np.abs(still_to_go) > 1] / still_to_go[np.abs(still_to_go) > 1]
+    expected = 0.9 * (1 - np.exp(-1)) + 0.1 * (1 - np.exp(-0.05))
+    assert share == pytest.approx(expected, abs=0.02)
+
+
+def test_thread_keeps_the_plant_going_while_nobody_asks(design, shapes, panel, tmp_path):
+    import time
+
+    from labctl.clock import FastClock
+    from labctl.doubles.plant import Plant
+
+    seen = []
+    plant = Plant(FastClock(20.0), design, shapes, np.random.default_rng(0), panel, observe=seen.append)
+    plant.start(tick_s=0.1)
+    deadline = time.monotonic() + 5
+    while len(seen) < 21 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    plant.close()
+    assert np.diff([state.time_s for state in seen]) == pytest.approx(0.05)
+    assert len(seen) >= 21
