@@ -1,0 +1,5 @@
+"""The one error of the simulator."""
+
+
+class SimError(ValueError):
+    """Input that cannot be simulated; the message says what, which value, which limit, what to do next."""

@@ -1,0 +1,27 @@
+"""The materials that a voxel can be of, and their properties in SI units."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+EMPTY, PASSIVE, EXPANDING, JAMMED, UNJAMMED = range(5)
+
+
+@dataclass(frozen=True)
+class Materials:
+    """Moduli in Pa, density in kg/m^3, linear expansion of the expanding layer per degree of "temperature".
+
+    The defaults are those of the published runs (docs/reference/voxel-physics.md).
+    """
+
+    passive_pa: float = 82_700.0
+    expanding_pa: float = 160_000.0
+    jammed_pa: float = 1_330_688.0
+    unjammed_pa: float = 68_900.0
+    density_kg_m3: float = 938.33
+    expansion_per_degree: float = 0.01
+
+    def moduli_pa(self) -> NDArray[np.float64]:
+        """Modulus of each material code, float64 (5,); EMPTY has none (0)."""
+        return np.array([0.0, self.passive_pa, self.expanding_pa, self.jammed_pa, self.unjammed_pa])

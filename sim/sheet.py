@@ -1,0 +1,126 @@
+"""A sheet: which material is in which voxel, and how fibers are laid into it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from sim.errors import SimError
+from sim.geometry import GRID, PITCH_M, PUBLISHED, Geometry, column_at, columns
+from sim.materials import EMPTY, EXPANDING, JAMMED, PASSIVE, UNJAMMED, Materials
+from sim.raster import line_cells
+
+Face = Literal["top", "bottom"]
+FACE_LAYER: dict[Face, int] = {"top": 2, "bottom": 0}
+
+
+@dataclass(frozen=True)
+class Fiber:
+    """A straight jamming fiber on one face; its ends (x, y) in the sheet frame, in metres."""
+
+    face: Face
+    start_m: tuple[float, float]
+    end_m: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """The material code of every voxel, int8 (28, 28, 3) as (i, j, k), read-only, and the materials.
+
+    Raises:
+        SimError: the array is not a connected sheet of known materials, or a property of theirs is not
+            finite and positive.
+    """
+
+    material: NDArray[np.int8]
+    materials: Materials = field(default_factory=Materials)
+
+    def __post_init__(self) -> None:
+        _check_codes(self.material)
+        _check_connected(self.material)
+        _check_materials(self.materials)
+        own = self.material.astype(np.int8)
+        own.flags.writeable = False
+        object.__setattr__(self, "material", own)
+
+    def voxels(self) -> NDArray[np.int64]:
+        """The indices (i, j, k) of the sheet's voxels, int64 (n, 3), k outermost, then j, then i."""
+        return np.ascontiguousarray(np.argwhere(self.material.transpose(2, 1, 0) != EMPTY)[:, ::-1])
+
+
+def rest_positions_m(sheet: Sheet) -> NDArray[np.float64]:
+    """Voxel centres before anything moves, float64 (n, 3), metres in the voxel frame: (i, j, k) pitches."""
+    return sheet.voxels().astype(np.float64) * PITCH_M
+
+
+def build_sheet(
+    fibers: Sequence[Fiber],
+    jammed: Sequence[bool],
+    geometry: Geometry = PUBLISHED,
+    materials: Materials | None = None,
+) -> Sheet:
+    """Lay fibers into the faces of a bare sheet; `jammed[n]` tells whether fiber n is stiffened.
+
+    A voxel under any jammed fiber is jammed, in whatever order the fibers come.
+
+    Raises:
+        SimError: the two sequences differ in length, or a fiber's face or end is not on the sheet.
+    """
+    if len(fibers) != len(jammed):
+        raise SimError(f"{len(fibers)} fibers but {len(jammed)} jammed flags: give one flag for each fiber")
+    sheet_columns = columns(geometry)
+    material = np.full(GRID, EMPTY, np.int8)
+    for k, code in enumerate((PASSIVE, EXPANDING, PASSIVE)):
+        material[sheet_columns, k] = code
+    for fiber, is_jammed in sorted(zip(fibers, jammed, strict=True), key=lambda pair: pair[1]):
+        if fiber.face not in FACE_LAYER:
+            raise SimError(f"a fiber is on face {fiber.face!r}: use 'top' or 'bottom'")
+        for i, j in line_cells(column_at(geometry, *fiber.start_m), column_at(geometry, *fiber.end_m)):
+            material[i, j, FACE_LAYER[fiber.face]] = JAMMED if is_jammed else UNJAMMED
+    return Sheet(material, materials or Materials())
+
+
+def _check_codes(material: NDArray[np.int8]) -> None:
+    if material.shape != GRID:
+        raise SimError(f"the material array has shape {material.shape}: a sheet has {GRID}, as (i, j, k)")
+    if not np.issubdtype(material.dtype, np.integer):
+        raise SimError(f"the material array is of {material.dtype}: give integer codes {EMPTY} to {UNJAMMED}")
+    wrong = (material < EMPTY) | (material > UNJAMMED)
+    if wrong.any():
+        voxel = _first(wrong)
+        raise SimError(
+            f"voxel {voxel} has material code {material[voxel]}: the codes are {EMPTY} to {UNJAMMED}"
+        )
+
+
+def _check_connected(material: NDArray[np.int8]) -> None:
+    pieces, count = ndimage.label(material != EMPTY)
+    if count == 0:
+        raise SimError(f"the sheet has no voxel: give at least two that are not {EMPTY}")
+    sizes = np.bincount(pieces.ravel())[1:]
+    if (sizes == 1).any():
+        alone = _first(pieces == 1 + int(np.argmax(sizes == 1)))
+        raise SimError(f"voxel {alone} has no neighbour across any face: connect it or make it {EMPTY}")
+    if count > 1:
+        cut_off = _first(pieces == 1 + int(np.argmin(sizes)))
+        raise SimError(
+            f"the sheet is in {count} pieces; voxel {cut_off} is in the smallest: "
+            f"connect the pieces across voxel faces or make them {EMPTY}"
+        )
+
+
+def _check_materials(materials: Materials) -> None:
+    for entry in fields(materials):
+        value = getattr(materials, entry.name)
+        if not (math.isfinite(value) and value > 0):
+            raise SimError(f"materials.{entry.name} is {value}: give a finite value above 0")
+
+
+def _first(mask: NDArray[np.bool_]) -> tuple[int, int, int]:
+    """The first voxel (i, j, k) of a mask, in the order k, j, i."""
+    k, j, i = np.argwhere(mask.transpose(2, 1, 0))[0]
+    return int(i), int(j), int(k)

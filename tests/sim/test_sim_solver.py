@@ -1,0 +1,45 @@
+import numpy as np
+import pytest
+
+from sim import equilibrium as equilibrium_module
+from sim.dynamic import dynamic
+from sim.equilibrium import equilibrium
+from sim.errors import SimError
+from sim.inflation import RampAndHold
+from sim.shape import Failure, Shape
+from sim.solver import DEFAULT_STRAIN, Dynamic, Equilibrium, Solver
+
+
+def test_every_sheet_gets_its_shape_in_order(voxel_pair):
+    sheets = [voxel_pair(0, (2, 2)), voxel_pair(2, (1, 2))]
+    solvers: list[Solver] = [Equilibrium(0.2), Dynamic(RampAndHold(0.2, read_at_s=0.15))]
+    for solver in solvers:
+        shapes = solver.solve(sheets)
+        grown_mm = [1e3 * np.ptp(shape.positions_m, axis=0).max() for shape in shapes]
+        assert grown_mm == pytest.approx([6.0, 5.5], abs=0.02)
+
+
+def test_the_solvers_are_the_functions_of_their_names(voxel_pair):
+    sheet = voxel_pair(1, (2, 1))
+    inflation = RampAndHold(0.1, read_at_s=0.05)
+    (at_rest,), (moving,) = Equilibrium().solve([sheet]), Dynamic(inflation).solve([sheet])
+    np.testing.assert_array_equal(at_rest.positions_m, equilibrium(sheet, DEFAULT_STRAIN).positions_m)
+    np.testing.assert_array_equal(moving.positions_m, dynamic(sheet, inflation).positions_m)
+
+
+def test_one_sheet_that_fails_does_not_touch_the_others(voxel_pair, load_golden, monkeypatch):
+    monkeypatch.setattr(equilibrium_module, "MAX_SWEEPS", 300)
+    kinds = [
+        type(r) for r in Equilibrium().solve([load_golden("cylinder_known").sheet, voxel_pair(0, (2, 2))])
+    ]
+    assert kinds == [Failure, Shape]
+
+
+def test_no_sheets_are_no_shapes():
+    assert Equilibrium().solve([]) == Dynamic().solve([]) == []
+
+
+@pytest.mark.parametrize("strain", [-0.1, 0.7, float("nan")])
+def test_an_absurd_strain_is_refused_before_anything_is_solved(strain):
+    with pytest.raises(SimError, match="strain"):
+        Equilibrium(strain)
