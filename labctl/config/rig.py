@@ -3,6 +3,11 @@
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+from labctl.errors import BadInput
+
 PressureUnit = Literal["psi", "kPa", "bar", "mbar"]
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
@@ -74,6 +79,10 @@ class MarkersConfig:
     points: tuple[MarkerPoint, ...]
     timeout_s: float
 
+    def points_mm(self) -> NDArray[np.float64]:
+        """The points of the uninflated sheet that the markers sit on, (m, 2) in the sheet frame, in mm."""
+        return np.array([(point.x_mm, point.y_mm) for point in self.points], dtype=np.float64)
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -85,12 +94,26 @@ class Limits:
     safe_pressure_psi: float = 0.3
     hold_tolerance_psi: float = 0.1
     ramp_psi_per_s: float = 1.0
-    settle_s: float = 3.0
+    settle_s: float = 6.0
     settle_timeout_s: float = 30.0
     capture_s: float = 1.0
     stale_after_s: float = 0.5
     heartbeat_s: float = 1.0
     vent_timeout_s: float = 10.0
+
+    def check_pressure(self, pressure_psi: float, source: str) -> None:
+        """Refuse a pressure to hold that this rig must not go to; `source` names the rig's file.
+
+        Raises:
+            BadInput: it is not a finite number above 0, or above `max_pressure_psi`.
+        """
+        if not 0 < pressure_psi < float("inf"):
+            raise BadInput(f"pressure {pressure_psi:g} psi is not a finite gauge pressure above 0")
+        if pressure_psi > self.max_pressure_psi:
+            raise BadInput(
+                f"pressure {pressure_psi:g} psi is above the rig's limit of {self.max_pressure_psi:g} psi "
+                f"({source}, limits.max_pressure)"
+            )
 
 
 @dataclass(frozen=True)

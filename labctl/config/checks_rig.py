@@ -1,0 +1,142 @@
+"""What the keys of rig.toml mean together, across its tables.
+
+These look at the file as TOML has it, so that they speak up even where another key is wrong; a value that
+the schema refuses already is passed over here.
+"""
+
+import math
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from labctl.config.errors import Problem
+from labctl.config.quantity import LENGTH
+from labctl.config.rules import Quantity, Range, Whole, read_or_none
+from labctl.config.source import Document
+from labctl.config.validate import problem_at
+
+FEWEST_POINTS = 4
+# Two markers cannot sit closer than this, nor say which way the sheet lies from a strip narrower than it.
+SAME_PLACE_MM = 1.0
+
+
+@dataclass(frozen=True)
+class _Point:
+    index: int
+    id: int | None
+    place_mm: tuple[float, float] | None
+
+
+def rig_problems(document: Document) -> list[Problem]:
+    """Every mistake that shows only when keys are seen together."""
+    return [
+        *_missing_addresses(document),
+        *_shared_port(document),
+        *_no_way_to_vent(document),
+        *_repeated_points(document),
+        *_too_little_spread(document),
+    ]
+
+
+def _missing_addresses(document: Document) -> Iterator[Problem]:
+    """A simulated rig brings its own instruments, and so their addresses; a real one must name them."""
+    if document.table.get("simulated", False) is not False:
+        return
+    transport = _section(document, "valves").get("transport")
+    valves_key = {"rtu": "port", "tcp": "host"}.get(transport) if isinstance(transport, str) else None
+    for section, key in (("regulator", "port"), ("valves", valves_key), ("markers", "host")):
+        if key is not None and section in document.table and key not in _section(document, section):
+            because = f' with transport = "{transport}"' if section == "valves" else ""
+            yield problem_at(document, (section, key), f"is missing{because}; a real rig needs its address")
+
+
+def _shared_port(document: Document) -> Iterator[Problem]:
+    valves = _section(document, "valves")
+    ours, theirs = _section(document, "regulator").get("port"), valves.get("port")
+    if valves.get("transport") != "rtu" or not isinstance(ours, str) or not isinstance(theirs, str):
+        return
+    if ours and theirs and _same_device(ours, theirs):
+        message = f'is the port of regulator.port = "{ours}" too; give each instrument its own'
+        yield problem_at(document, ("valves", "port"), message)
+
+
+def _same_device(one: str, other: str) -> bool:
+    # /dev/serial/by-id/... are links to /dev/ttyUSB...
+    try:
+        return os.path.realpath(one) == os.path.realpath(other)
+    except (OSError, ValueError):
+        return one == other
+
+
+def _no_way_to_vent(document: Document) -> Iterator[Problem]:
+    if _section(document, "regulator").get("model") != "PC" or "valves" not in document.table:
+        return
+    if "dump_channel" not in _section(document, "valves"):
+        yield problem_at(
+            document,
+            ("regulator", "model"),
+            "hold-closed is not vent: a single-valve PC cannot exhaust; "
+            "buy a PCD or add a normally-open dump valve (valves.dump_channel)",
+        )
+
+
+def _repeated_points(document: Document) -> Iterator[Problem]:
+    seen: list[_Point] = []
+    for point in _points(document):
+        path = ("markers", "points", point.index)
+        for earlier in seen:
+            if point.id is not None and point.id == earlier.id:
+                yield problem_at(document, (*path, "id"), f"is the id of point #{earlier.index + 1} too")
+            if (
+                point.place_mm is not None
+                and earlier.place_mm is not None
+                and math.dist(point.place_mm, earlier.place_mm) < SAME_PLACE_MM
+            ):
+                x, y = point.place_mm
+                message = f"({x:g}, {y:g}) mm is the place of point #{earlier.index + 1} too"
+                yield problem_at(document, path, message)
+        seen.append(point)
+
+
+def _too_little_spread(document: Document) -> Iterator[Problem]:
+    points = _section(document, "markers").get("points")
+    path = ("markers", "points")
+    if not isinstance(points, list):
+        return
+    if len(points) < FEWEST_POINTS:
+        yield problem_at(
+            document, path, f"has {len(points)} points; the sheet's frame needs at least {FEWEST_POINTS}"
+        )
+        return
+    places = [point.place_mm for point in _points(document)]
+    known = [place for place in places if place is not None]
+    if len(known) == len(points) and _off_line_mm(known) < SAME_PLACE_MM:
+        yield problem_at(document, path, "all lie on one line; the sheet's frame needs points beside it")
+
+
+def _off_line_mm(places: list[tuple[float, float]]) -> float:
+    """The root mean square distance of places from the straight line that fits them best."""
+    count = len(places)
+    mean_x, mean_y = sum(x for x, _ in places) / count, sum(y for _, y in places) / count
+    xx = sum((x - mean_x) ** 2 for x, _ in places) / count
+    yy = sum((y - mean_y) ** 2 for _, y in places) / count
+    xy = sum((x - mean_x) * (y - mean_y) for x, y in places) / count
+    smaller = (xx + yy) / 2 - math.hypot((xx - yy) / 2, xy)
+    return math.sqrt(max(0.0, smaller))
+
+
+def _points(document: Document) -> Iterator[_Point]:
+    points = _section(document, "markers").get("points")
+    marker_id, length = Whole(0, 2**31 - 1), Quantity(LENGTH, Range())
+    for index, point in enumerate(points if isinstance(points, list) else []):
+        if not isinstance(point, Mapping):
+            continue
+        x, y = (read_or_none(length, point.get(axis)) for axis in "xy")
+        place = None if x is None or y is None else (x, y)
+        yield _Point(index, read_or_none(marker_id, point.get("id")), place)
+
+
+def _section(document: Document, name: str) -> Mapping[str, Any]:
+    section = document.table.get(name)
+    return section if isinstance(section, Mapping) else {}

@@ -1,0 +1,258 @@
+"""The shape of rig.toml: every key, its default, and what its value may be.
+
+Keys carry no unit suffix; their values are in mm, psi, s, Hz and psi/s unless they name a unit.
+"""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationInfo, field_validator
+
+from labctl.config.quantity import DURATION, FREQUENCY, LENGTH, PRESSURE, PRESSURE_RATE
+from labctl.config.rig import (
+    Axis,
+    Limits,
+    MarkerPoint,
+    MarkersConfig,
+    PressureUnit,
+    RegulatorConfig,
+    RigConfig,
+    ValvesConfig,
+)
+from labctl.config.rules import Flag, Number, OneOf, Quantity, Range, Text, Whole
+
+SHEET_SQUARE_MM = 140.0
+BAUDRATES = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 128000, 256000)
+LONGEST_S = 3600.0
+LONGEST_TIMEOUT_S = 10.0
+# What a marker feed holds at 960 Hz.
+LONGEST_CAPTURE_S = 60.0
+LONGEST_STALE_S = 2.0
+LONGEST_HEARTBEAT_S = 1.0
+
+Name = Annotated[str, PlainValidator(Text())]
+Host = Annotated[
+    str, PlainValidator(Text("a host name or address, without a port", r"[A-Za-z0-9._:%-]*[A-Za-z0-9]"))
+]
+Port = Annotated[str, PlainValidator(Text('a serial port, for example "/dev/ttyUSB0"'))]
+Baudrate = Annotated[int, PlainValidator(OneOf(BAUDRATES))]
+DeviceId = Annotated[int, PlainValidator(Whole(1, 247))]
+Timeout = Annotated[float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_TIMEOUT_S, above_low=True)))]
+OnSheet = Annotated[float, PlainValidator(Quantity(LENGTH, Range(0, SHEET_SQUARE_MM)))]
+Pressure = Annotated[float, PlainValidator(Quantity(PRESSURE, Range(0, above_low=True)))]
+Rate = Annotated[float, PlainValidator(Quantity(PRESSURE_RATE, Range(0, above_low=True)))]
+Wait = Annotated[float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_S)))]
+Duration = Annotated[float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_S, above_low=True)))]
+
+Capture = Annotated[float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_CAPTURE_S, above_low=True)))]
+
+
+def _ordered(value: float, info: ValidationInfo, before: str, unit: str) -> float:
+    lower: Any = info.data.get(before)
+    if lower is not None and value <= lower:
+        raise ValueError(f"{value:g} {unit} must be above limits.{before}, {lower:g} {unit}")
+    return value
+
+
+class Section(BaseModel):
+    """A table of the file: unknown keys are mistakes, and defaults are checked like values."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+
+class RegulatorSection(Section):
+    """[regulator]."""
+
+    name: Name = "regulator"
+    driver: Annotated[
+        Literal["alicat-ascii", "alicat-modbus"], PlainValidator(OneOf(("alicat-ascii", "alicat-modbus")))
+    ]
+    model: Annotated[Literal["PC", "PCD"], PlainValidator(OneOf(("PC", "PCD")))]
+    port: Port | None = None
+    baudrate: Baudrate = 19200
+    unit_id: Annotated[str, PlainValidator(Text("one letter from A to Z", "[A-Z]"))] = "A"
+    device_id: DeviceId = 1
+    pressure_unit: Annotated[PressureUnit, PlainValidator(OneOf(("psi", "kPa", "bar", "mbar")))]
+    timeout: Timeout = 0.5
+
+    def config(self) -> RegulatorConfig:
+        """The regulator as the rest of the program knows it."""
+        return RegulatorConfig(
+            name=self.name,
+            driver=self.driver,
+            model=self.model,
+            port=self.port or "",
+            baudrate=self.baudrate,
+            unit_id=self.unit_id,
+            device_id=self.device_id,
+            pressure_unit=self.pressure_unit,
+            timeout_s=self.timeout,
+        )
+
+
+class ValvesSection(Section):
+    """[valves]."""
+
+    name: Name = "valve bank"
+    driver: Annotated[Literal["waveshare-relay"], PlainValidator(OneOf(("waveshare-relay",)))]
+    transport: Annotated[Literal["rtu", "tcp"], PlainValidator(OneOf(("rtu", "tcp")))]
+    port: Port | None = None
+    baudrate: Baudrate = 9600
+    host: Host | None = None
+    tcp_port: Annotated[int, PlainValidator(Whole(1, 65535))] = 502
+    device_id: DeviceId = 1
+    channels: Annotated[int, PlainValidator(OneOf((8, 16, 32)))]
+    dump_channel: Annotated[int, PlainValidator(Whole(1, 32))] | None = None
+    timeout: Timeout = 0.5
+
+    @field_validator("dump_channel")
+    @classmethod
+    def _is_on_the_board(cls, dump_channel: int | None, info: ValidationInfo) -> int | None:
+        channels = info.data.get("channels")
+        if dump_channel is not None and channels is not None and dump_channel > channels:
+            raise ValueError(f"is above the board's valves.channels = {channels}")
+        return dump_channel
+
+    def config(self) -> ValvesConfig:
+        """The valve bank as the rest of the program knows it."""
+        return ValvesConfig(
+            name=self.name,
+            driver=self.driver,
+            transport=self.transport,
+            port=self.port or "",
+            baudrate=self.baudrate,
+            host=self.host or "",
+            tcp_port=self.tcp_port,
+            device_id=self.device_id,
+            channels=self.channels,
+            dump_channel=self.dump_channel,
+            timeout_s=self.timeout,
+        )
+
+
+class PointSection(Section):
+    """One of markers.points."""
+
+    id: Annotated[int, PlainValidator(Whole(0, 2**31 - 1))]
+    x: OnSheet
+    y: OnSheet
+
+    def config(self) -> MarkerPoint:
+        """The marker's point as the rest of the program knows it."""
+        return MarkerPoint(id=self.id, x_mm=self.x, y_mm=self.y)
+
+
+class MarkersSection(Section):
+    """[markers]."""
+
+    name: Name = "marker stream"
+    driver: Annotated[Literal["phasespace"], PlainValidator(OneOf(("phasespace",)))]
+    host: Host | None = None
+    server_number: Annotated[int, PlainValidator(Whole(0, 65535 - 8000))] = 0
+    frequency_hz: Annotated[float, PlainValidator(Quantity(FREQUENCY, Range(0, 960, above_low=True)))] = 240.0
+    up: Annotated[Axis, PlainValidator(OneOf(("+x", "-x", "+y", "-y", "+z", "-z")))]
+    length_unit: Annotated[float, PlainValidator(Quantity(LENGTH, Range(0, above_low=True)))] = 1.0
+    timeout: Timeout = 0.5
+    points: list[PointSection]
+
+    def config(self) -> MarkersConfig:
+        """The marker stream as the rest of the program knows it."""
+        return MarkersConfig(
+            name=self.name,
+            driver=self.driver,
+            host=self.host or "",
+            server_number=self.server_number,
+            frequency_hz=self.frequency_hz,
+            up=self.up,
+            length_unit_mm=self.length_unit,
+            points=tuple(point.config() for point in self.points),
+            timeout_s=self.timeout,
+        )
+
+
+class LimitsSection(Section):
+    """[limits]; a key that is left out has the default of `labctl.config.rig.Limits`."""
+
+    max_pressure: Pressure = Limits.max_pressure_psi
+    warn_pressure: Pressure = Limits.warn_pressure_psi
+    trip_pressure: Pressure = Limits.trip_pressure_psi
+    safe_pressure: Pressure = Limits.safe_pressure_psi
+    hold_tolerance: Pressure = Limits.hold_tolerance_psi
+    ramp: Rate = Limits.ramp_psi_per_s
+    settle: Wait = Limits.settle_s
+    settle_timeout: Duration = Limits.settle_timeout_s
+    capture: Capture = Limits.capture_s
+    stale_after: Annotated[
+        float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_STALE_S, above_low=True)))
+    ] = Limits.stale_after_s
+    heartbeat: Annotated[
+        float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_HEARTBEAT_S, above_low=True)))
+    ] = Limits.heartbeat_s
+    vent_timeout: Duration = Limits.vent_timeout_s
+
+    @field_validator("warn_pressure", "trip_pressure")
+    @classmethod
+    def _is_above_the_one_before(cls, pressure: float, info: ValidationInfo) -> float:
+        before = "max_pressure" if info.field_name == "warn_pressure" else "warn_pressure"
+        return _ordered(pressure, info, before, "psi")
+
+    @field_validator("safe_pressure")
+    @classmethod
+    def _is_below_what_is_run(cls, pressure: float, info: ValidationInfo) -> float:
+        highest = info.data.get("max_pressure")
+        if highest is not None and pressure >= highest:
+            raise ValueError(f"{pressure:g} psi must be below limits.max_pressure, {highest:g} psi")
+        return pressure
+
+    @field_validator("settle_timeout")
+    @classmethod
+    def _leaves_time_to_settle(cls, timeout: float, info: ValidationInfo) -> float:
+        return _ordered(timeout, info, "settle", "s")
+
+    def config(self) -> Limits:
+        """The limits as the rest of the program knows them."""
+        return Limits(
+            max_pressure_psi=self.max_pressure,
+            warn_pressure_psi=self.warn_pressure,
+            trip_pressure_psi=self.trip_pressure,
+            safe_pressure_psi=self.safe_pressure,
+            hold_tolerance_psi=self.hold_tolerance,
+            ramp_psi_per_s=self.ramp,
+            settle_s=self.settle,
+            settle_timeout_s=self.settle_timeout,
+            capture_s=self.capture,
+            stale_after_s=self.stale_after,
+            heartbeat_s=self.heartbeat,
+            vent_timeout_s=self.vent_timeout,
+        )
+
+
+class RigFile(Section):
+    """The whole of rig.toml."""
+
+    name: Name
+    simulated: Annotated[bool, PlainValidator(Flag())] = False
+    speed: Annotated[float, PlainValidator(Number(Range(0, 1000, above_low=True)))] = 1.0
+    regulator: RegulatorSection
+    valves: ValvesSection
+    markers: MarkersSection
+    limits: LimitsSection = LimitsSection()
+
+    @field_validator("speed")
+    @classmethod
+    def _is_1_for_real_instruments(cls, speed: float, info: ValidationInfo) -> float:
+        if speed != 1.0 and info.data.get("simulated") is False:
+            raise ValueError("must be 1 on real instruments; only a rig with simulated = true may run faster")
+        return speed
+
+    def config(self, source: str) -> RigConfig:
+        """The rig as the rest of the program knows it."""
+        return RigConfig(
+            name=self.name,
+            source=source,
+            simulated=self.simulated,
+            speed=self.speed,
+            regulator=self.regulator.config(),
+            valves=self.valves.config(),
+            markers=self.markers.config(),
+            limits=self.limits.config(),
+        )

@@ -1,0 +1,1 @@
+"""From marker frames to heights of the sheet."""

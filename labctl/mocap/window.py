@@ -1,0 +1,91 @@
+"""A window of marker frames, averaged per marker; what was not seen stays not seen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labctl.mocap.errors import NoFrames
+from labctl.readings import MarkerFrame
+
+MIN_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class MarkerWindow:
+    """Markers averaged over a window of frames, in the instrument's frame of reference.
+
+    Arrays are over the markers asked for: `ids` int64 (m,); `mean_mm` and `sd_mm` float64 (m, 3), NaN where
+    the marker was seen in too small a share of the frames (`sd_mm`, the sample's, also where it was seen
+    once); `seen` and `occluded` int64 (m,), which add up to `frames`. `unknown` counts samples of other
+    markers.
+    """
+
+    ids: NDArray[np.int64]
+    frames: int
+    mean_mm: NDArray[np.float64]
+    sd_mm: NDArray[np.float64]
+    seen: NDArray[np.int64]
+    occluded: NDArray[np.int64]
+    unknown: int
+
+
+def average(frames: Sequence[MarkerFrame], ids: Sequence[int], min_share: float = MIN_SHARE) -> MarkerWindow:
+    """Average the frames of a window for the markers `ids` (m,), in that order.
+
+    A sample counts where its `cond` is above 0 and its position finite. A marker that a frame lacks, or has
+    twice, is occluded in it. A marker seen in less than `min_share` of the frames is occluded for the window.
+
+    Raises:
+        NoFrames: there is no frame.
+        ValueError: `ids` repeat, or `min_share` is not above 0 and at most 1.
+    """
+    if len(set(ids)) != len(ids):
+        raise ValueError(f"marker ids repeat: {list(ids)}")
+    if not 0 < min_share <= 1:
+        raise ValueError(f"min_share {min_share} is not above 0 and at most 1")
+    if not frames:
+        raise NoFrames("no marker frame came in the window; check that the marker server streams")
+    samples_mm, unknown = _samples(frames, ids)
+    # A sample is whole or NaN, so one axis tells for all three.
+    is_seen = ~np.isnan(samples_mm[:, :, 0])
+    seen = is_seen.sum(axis=0)
+    trusted = seen >= min_share * len(frames)
+    mean_mm = np.full((len(ids), 3), np.nan)
+    sd_mm = np.full((len(ids), 3), np.nan)
+    for marker in np.flatnonzero(trusted):
+        positions_mm = samples_mm[is_seen[:, marker], marker]
+        mean_mm[marker] = positions_mm.mean(axis=0)
+        if len(positions_mm) > 1:
+            sd_mm[marker] = positions_mm.std(axis=0, ddof=1)
+    return MarkerWindow(
+        ids=np.array(ids, dtype=np.int64),
+        frames=len(frames),
+        mean_mm=mean_mm,
+        sd_mm=sd_mm,
+        seen=seen.astype(np.int64),
+        occluded=(len(frames) - seen).astype(np.int64),
+        unknown=unknown,
+    )
+
+
+def _samples(frames: Sequence[MarkerFrame], ids: Sequence[int]) -> tuple[NDArray[np.float64], int]:
+    """Positions (frames, m, 3) in mm, NaN where not seen; and how many samples were of other markers."""
+    column = {marker: index for index, marker in enumerate(ids)}
+    samples_mm = np.full((len(frames), len(ids), 3), np.nan)
+    unknown = 0
+    for row, frame in enumerate(frames):
+        good = (frame.cond > 0) & np.isfinite(frame.cond) & np.isfinite(frame.positions_mm).all(axis=1)
+        found: set[int] = set()
+        for index, marker in enumerate(frame.ids.tolist()):
+            if marker not in column:
+                unknown += 1
+            elif marker in found:
+                # Which of the two is the marker cannot be told.
+                samples_mm[row, column[marker]] = np.nan
+            else:
+                found.add(marker)
+                if good[index]:
+                    samples_mm[row, column[marker]] = frame.positions_mm[index]
+    return samples_mm, unknown

@@ -1,0 +1,280 @@
+import math
+import queue
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from labctl.clock import WallClock
+from labctl.errors import GarbledReply, InstrumentError, InstrumentRefused, LinkDown, NoAnswer
+from labctl.mocap import feed as feed_module
+from labctl.mocap.errors import NoFrames
+from labctl.mocap.feed import MarkerFeed
+from labctl.readings import MarkerFrame
+
+
+class Stream:
+    """A marker source whose frames and failures a test puts in by hand."""
+
+    name = "marker stream"
+
+    def __init__(self):
+        self._coming = queue.Queue()
+        self.taken = 0
+
+    def put(self, what):
+        self._coming.put(what)
+
+    def next_frame(self, timeout_s=None):
+        try:
+            what = self._coming.get(timeout=min(timeout_s, 0.02))
+        except queue.Empty:
+            raise NoAnswer("no frame in time") from None
+        self.taken += 1
+        if isinstance(what, Exception):
+            raise what
+        return what
+
+    def identify(self, timeout_s=None):
+        raise NotImplementedError
+
+    def start(self, timeout_s=None):
+        raise NotImplementedError
+
+    stop = start
+
+    def close(self):
+        raise NotImplementedError
+
+
+class HandClock:
+    """A clock that a test moves; waiting on it lets other threads run. `asked` counts the looks at it."""
+
+    def __init__(self):
+        self.time_s = 100.0
+        self.asked = 0
+
+    def now_s(self):
+        self.asked += 1
+        return self.time_s
+
+    def sleep(self, seconds):
+        time.sleep(0.001)
+
+
+def numbered(number):
+    return MarkerFrame(float(number), np.array([1]), np.zeros((1, 3)), np.ones(1))
+
+
+def until(holds):
+    end_s = time.monotonic() + 10
+    while not holds():
+        assert time.monotonic() < end_s, "waited for 10 s"
+        time.sleep(0.001)
+
+
+@pytest.fixture
+def stream():
+    return Stream()
+
+
+@pytest.fixture
+def clock():
+    return HandClock()
+
+
+@pytest.fixture
+def feed(stream, clock):
+    running = MarkerFeed(stream, clock)
+    running.start()
+    yield running
+    running.close()
+
+
+def arrived(feed, stream, *frames):
+    """Hand frames to the stream and wait until the feed has them."""
+    wanted = feed.mark() + len(frames)
+    for frame in frames:
+        stream.put(frame)
+    until(lambda: feed.mark() == wanted)
+
+
+def times(frames):
+    return [frame.time_s for frame in frames]
+
+
+def test_since_gives_the_frames_after_the_mark_in_order(feed, stream):
+    arrived(feed, stream, numbered(0), numbered(1))
+    mark = feed.mark()
+    assert feed.since(mark) == []
+    arrived(feed, stream, *map(numbered, range(2, 50)))
+    assert times(feed.since(mark)) == list(range(2, 50))
+    assert times(feed.since(mark + 47)) == [49]
+
+
+def test_the_stream_is_read_although_nobody_asks(feed, stream):
+    for number in range(1000):
+        stream.put(numbered(number))
+    until(lambda: stream.taken == 1000)
+
+
+def test_frames_that_were_dropped_are_not_passed_over(stream, clock):
+    feed = MarkerFeed(stream, clock, capacity=10)
+    feed.start()
+    mark = feed.mark()
+    arrived(feed, stream, *map(numbered, range(10)))
+    assert len(feed.since(mark)) == 10
+    arrived(feed, stream, numbered(10))
+    with pytest.raises(NoFrames, match="11 frames came and only the last 10 are kept"):
+        feed.since(mark)
+    assert times(feed.since(mark + 1)) == list(range(1, 11))
+    feed.close()
+
+
+def test_the_age_of_the_last_frame_is_by_the_clock(feed, stream, clock):
+    assert feed.last_frame_age_s() == math.inf
+    arrived(feed, stream, numbered(0))
+    assert feed.last_frame_age_s() == 0
+    clock.time_s += 0.75
+    assert feed.last_frame_age_s() == 0.75
+    arrived(feed, stream, numbered(1))
+    assert feed.last_frame_age_s() == 0
+
+
+def test_silences_and_garbled_frames_are_counted_and_are_not_the_end(feed, stream):
+    stream.put(GarbledReply("frame out of step"))
+    stream.put(NoAnswer("nothing for a while"))
+    arrived(feed, stream, numbered(0))
+    assert feed.garbled == 1
+    assert feed.silences >= 1
+    assert feed.failure is None
+    assert times(feed.since(0)) == [0]
+
+
+def test_a_source_that_refuses_at_once_is_not_asked_without_pause(stream):
+    asked = []
+
+    def refuse(timeout_s):
+        asked.append(timeout_s)
+        raise NoAnswer("no stream was asked for")
+
+    stream.next_frame = refuse
+    feed = MarkerFeed(stream, WallClock())
+    feed.start()
+    time.sleep(0.1)
+    feed.close()
+    assert 2 < len(asked) < 25
+
+
+@pytest.mark.parametrize(
+    ("failure", "raised"),
+    [
+        (LinkDown("connection reset"), LinkDown),
+        (InstrumentRefused("the server has ended the stream"), InstrumentError),
+        (ZeroDivisionError("a bug"), InstrumentError),
+    ],
+)
+def test_any_other_failure_ends_the_feed_and_is_told(feed, stream, failure, raised):
+    arrived(feed, stream, numbered(0))
+    stream.put(failure)
+    until(lambda: feed.failure is not None)
+    assert feed.failure is failure
+    with pytest.raises(raised, match=f"marker stream: the marker stream ended: {failure}"):
+        feed.since(0)
+    with pytest.raises(raised):
+        feed.capture(1.0, 2.0)
+
+
+def in_background(work):
+    result = queue.Queue()
+
+    def run():
+        try:
+            result.put(work())
+        except Exception as error:
+            result.put(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    return result
+
+
+def capturing(feed, clock, duration_s, timeout_s):
+    """A capture that is under way: it has taken its mark."""
+    asked = clock.asked
+    result = in_background(lambda: feed.capture(duration_s, timeout_s))
+    until(lambda: clock.asked > asked)
+    return result
+
+
+def test_capture_takes_whole_windows_of_new_frames(feed, stream, clock):
+    arrived(feed, stream, numbered(0))
+    clock.time_s += 5
+    captured = capturing(feed, clock, 1.0, timeout_s=100.0)
+    for number in range(1, 6):
+        arrived(feed, stream, numbered(number))
+        clock.time_s += 0.25
+    assert times(captured.get(timeout=10)) == [1, 2, 3, 4, 5]
+
+
+def test_capture_leaves_out_what_came_later(feed, stream, clock):
+    captured = capturing(feed, clock, 1.0, timeout_s=100.0)
+    arrived(feed, stream, numbered(0))
+    clock.time_s += 0.5
+    arrived(feed, stream, numbered(1))
+    clock.time_s += 0.75
+    arrived(feed, stream, numbered(2))
+    assert times(captured.get(timeout=10)) == [0, 1]
+
+
+def test_capture_of_a_stream_that_stalls_is_refused(feed, stream, clock):
+    captured = capturing(feed, clock, 1.0, timeout_s=3.0)
+    arrived(feed, stream, numbered(0))
+    clock.time_s += 0.5
+    arrived(feed, stream, numbered(1))
+    clock.time_s += 10
+    error = captured.get(timeout=10)
+    assert isinstance(error, NoAnswer)
+    assert str(error).startswith("marker stream: asked for 1 s of marker frames, and 2 came within 3 s")
+
+
+def test_capture_needs_more_time_than_it_takes(feed):
+    with pytest.raises(ValueError, match="cannot be complete"):
+        feed.capture(1.0, timeout_s=1.0)
+
+
+def test_capture_on_the_walls_clock(stream):
+    feed = MarkerFeed(stream, WallClock())
+    feed.start()
+    captured = in_background(lambda: feed.capture(0.1, timeout_s=10.0))
+    until(lambda: (stream.put(numbered(0)), not captured.empty())[1])
+    assert len(captured.get()) > 10
+    feed.close()
+
+
+def test_start_and_close_may_be_called_twice(stream, clock):
+    feed = MarkerFeed(stream, clock)
+    feed.close()
+    with pytest.raises(InstrumentError, match="was closed"):
+        feed.start()
+
+    feed = MarkerFeed(stream, clock)
+    feed.start()
+    feed.start()
+    arrived(feed, stream, numbered(0))
+    feed.close()
+    feed.close()
+    assert not any(thread.name == "feed of marker stream" for thread in threading.enumerate())
+    assert feed.failure is None
+
+
+def test_close_is_bounded_when_a_read_hangs(stream, clock, monkeypatch):
+    release = threading.Event()
+    monkeypatch.setattr(feed_module, "JOIN_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(stream, "next_frame", lambda timeout_s: release.wait(30) and numbered(0))
+    feed = MarkerFeed(stream, clock)
+    feed.start()
+    with pytest.raises(NoAnswer, match="did not end within"):
+        feed.close()
+    release.set()
+    feed.close()
