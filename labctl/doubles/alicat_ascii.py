@@ -1,7 +1,7 @@
 """An Alicat PC/PCD pressure controller on its ASCII protocol.
 
 Sources: Alicat PC series manual and serial primer (commands, data frame, legacy integer setpoint);
-public captures of a PCD with firmware 10v20 (the tables of ??D* and ??M*). See docs/reference/wires.md.
+public captures of a PCD with firmware 10v20 (the tables of ??D* and ??M*). See docs/reference/hardware.md.
 """
 
 import re

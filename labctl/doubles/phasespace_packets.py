@@ -1,6 +1,6 @@
 """Packets of the PhaseSpace protocol (version 2): header, texts, numbers and frames of markers.
 
-Source: docs/reference/wires.md, PhaseSpace, sections on packets, types and frames.
+Source: docs/reference/phasespace-wire.md, sections on packets, types and frames.
 """
 
 import struct

@@ -1,6 +1,6 @@
 """The conversation with one PhaseSpace client: from the greeting to `done`, packet by packet.
 
-Source: docs/reference/wires.md, PhaseSpace, sections on text, session and frames. What a real server does
+Source: docs/reference/phasespace-wire.md, sections on text, session and frames. What a real server does
 where those are silent is a choice: streaming over UDP, settings of scale and pose, and trackers other than
 points are refused, the first two by the value in force, the others by an error.
 """

@@ -6,7 +6,6 @@ from types import TracebackType
 from typing import Protocol, Self
 
 import numpy as np
-from sim.warm import compile_kernels
 
 from labctl.clock import Clock, FastClock, WallClock
 from labctl.doubles.alicat_ascii import AlicatAscii, AsciiLine
@@ -22,6 +21,7 @@ from labctl.doubles.sheet import ShapeSource
 from labctl.doubles.trace import Trace
 from labctl.doubles.transports import ByteServer, listen, serve_pty, serve_tcp
 from labctl.doubles.waveshare_relay import WaveshareRelay
+from sim.warm import compile_kernels
 
 _TICK_WALL_S = 0.005
 _LADDER_WORKERS = 2

@@ -49,6 +49,11 @@ class DoublesSettings:
             raise BadInput(f"a relay board of {self.relay_channels} channels is not made: use 8, 16 or 32")
         for fiber in self.design.fibers:
             self._check_channel(f"fiber {fiber.id} of design {self.design.name}", fiber.channel)
+        if self.single_valve and self.dump_channel is None:
+            raise BadInput(
+                "a single-valve regulator cannot vent, and no rig.toml may hold one alone; give the simulated rig "
+                "a dump valve too (--dump-channel)"
+            )
         if self.dump_channel is not None:
             self._check_channel("the dump valve", self.dump_channel)
             for fiber in self.design.fibers:

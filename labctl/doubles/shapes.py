@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from sim.heights import material_points, resting_offset_m
 
 from labctl.config.design import Design
 from labctl.config.rig import MarkerPoint
@@ -17,6 +16,7 @@ from labctl.errors import BadInput, LabError
 from sim.equilibrium import equilibrium
 from sim.errors import SimError
 from sim.geometry import geometry
+from sim.heights import material_points, resting_offset_m
 from sim.materials import Materials
 from sim.registration import register
 from sim.shape import Failure, Shape

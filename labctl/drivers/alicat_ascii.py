@@ -1,4 +1,4 @@
-"""Alicat PC and PCD pressure controllers over ASCII lines (serial primer; docs/reference/hardware)."""
+"""Alicat PC and PCD pressure controllers over ASCII lines (serial primer; docs/reference/hardware.md)."""
 
 import re
 from collections.abc import Callable

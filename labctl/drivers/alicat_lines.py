@@ -1,4 +1,4 @@
-"""The lines of the Alicat ASCII protocol, written and read (serial primer; docs/reference/hardware).
+"""The lines of the Alicat ASCII protocol, written and read (serial primer; docs/reference/hardware.md).
 
 A device tells its own data frame: the table of `??D*` has a row for each column, numbered by statistic, and
 starred rows for the status words that may follow. Columns are bound to that table and never guessed.

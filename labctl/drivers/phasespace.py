@@ -1,4 +1,4 @@
-"""A PhaseSpace marker server, as a client of its own wire protocol (docs/reference/phasespace-wire)."""
+"""A PhaseSpace marker server, as a client of its own wire protocol (docs/reference/phasespace-wire.md)."""
 
 import struct
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""Packets, tables and records of the PhaseSpace wire, protocol 2 (docs/reference/phasespace-wire).
+"""Packets, tables and records of the PhaseSpace wire, protocol 2 (docs/reference/phasespace-wire.md).
 
 A packet is a 16-byte little-endian header (id u16, type u8, checksum u8, payload size u32, time i64) and its
 payload. The first eight bytes sum to 0 modulo 256.

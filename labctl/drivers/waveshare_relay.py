@@ -1,4 +1,4 @@
-"""Waveshare Modbus RTU Relay, also on Modbus TCP (docs/reference/hardware: 8, 16 and 32 channels)."""
+"""Waveshare Modbus RTU Relay, also on Modbus TCP (docs/reference/hardware.md: 8, 16 and 32 channels)."""
 
 from collections.abc import Collection
 

@@ -1,0 +1,75 @@
+"""`labctl compare`: heights measured on a real sheet against the simulation of a pattern."""
+
+from pathlib import Path
+
+import click
+
+from labctl.cli.output import emit_json, table
+from labctl.cli.rigs import design_option, json_option
+
+
+@click.command()
+@click.option("--pattern", required=True, help="The design's pattern that was stiffened.")
+@click.option(
+    "--measured",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="CSV: point, x_cm, y_cm, z_mm_at_P_psi, ...",
+)
+@click.option(
+    "--points", default=16, show_default=True, type=click.IntRange(min=3), help="Points in the table."
+)
+@design_option
+@json_option
+def compare(pattern: str, measured: Path, points: int, design_name: str, as_json: bool) -> None:
+    """For every measured pressure: the inflation that fits best, the mean height error, and e_t."""
+    from labctl.comparison import fit_inflation
+    from labctl.config.load import load_design
+    from labctl.mocap.measured import read_measured
+    from sim.warm import compile_kernels
+
+    design = load_design(design_name)
+    design.jammed(pattern)
+    table_read = read_measured(measured, points)
+    compile_kernels(lambda text: click.echo(f"labctl: {text}", err=True))
+    fits = fit_inflation(design, pattern, table_read)
+    if as_json:
+        emit_json(
+            {
+                "design": design.name,
+                "pattern": pattern,
+                "measured": str(measured),
+                "points": points,
+                "pressures": [
+                    {
+                        "pressure_psi": fit.pressure_psi,
+                        "strain": round(fit.strain, 5),
+                        "strain_at_end_of_range": fit.at_end,
+                        "offset_mm": round(fit.offset_mm, 3),
+                        "mean_height_error_mm": round(fit.mean_height_error_mm, 4),
+                        "transfer_error_percent": round(fit.transfer_error_percent, 3),
+                    }
+                    for fit in fits
+                ],
+            }
+        )
+        return
+    click.echo(f"{measured}: {points} points against design {design.name}, pattern {pattern}")
+    click.echo("")
+    table(
+        ("pressure psi", "best strain", "offset mm", "mean height error mm", "e_t %"),
+        [
+            (
+                f"{fit.pressure_psi:g}",
+                f"{fit.strain:.3f}{'*' if fit.at_end else ''}",
+                f"{fit.offset_mm:+.2f}",
+                f"{fit.mean_height_error_mm:.2f}",
+                f"{fit.transfer_error_percent:.1f}",
+            )
+            for fit in fits
+        ],
+    )
+    if any(fit.at_end for fit in fits):
+        click.echo(
+            "\n* the largest strain that is simulated: the real sheet is bent further than any simulated one"
+        )

@@ -1,0 +1,192 @@
+"""`labctl doubles serve`: byte-level doubles of the instruments, for this program or any other client."""
+
+import os
+import select
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from labctl.cli.output import SIMULATED, emit_json
+from labctl.cli.rigs import design_option, json_option
+
+if TYPE_CHECKING:
+    from labctl.stop import StopRequest
+
+_LEASE_GRACE_S = 8.0
+_LOOK_S = 0.1
+
+
+@click.group()
+def doubles() -> None:
+    """Byte-level doubles of the instruments."""
+
+
+@doubles.command()
+@click.option(
+    "--out",
+    "out_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("doubles-rig.toml"),
+    show_default=True,
+    help="Where to write the rig.toml that points at them.",
+)
+@click.option(
+    "--regulator",
+    type=click.Choice(["alicat-ascii", "alicat-modbus"]),
+    default="alicat-ascii",
+    show_default=True,
+)
+@click.option("--valves", "transport", type=click.Choice(["rtu", "tcp"]), default="rtu", show_default=True)
+@click.option("--relay-channels", type=click.Choice(["8", "16", "32"]), default="32", show_default=True)
+@click.option("--single-valve", is_flag=True, help="A PC, which cannot exhaust, in place of a PCD.")
+@click.option(
+    "--dump-channel", type=click.IntRange(1, 32), help="Put a normally-open dump valve on this channel."
+)
+@click.option(
+    "--speed",
+    default=1.0,
+    show_default=True,
+    type=click.FloatRange(0.1, 100),
+    help="Plant time over wall time.",
+)
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of all noise.")
+@click.option(
+    "--gap",
+    "gap_texts",
+    multiple=True,
+    help="Reality gap: 'none', or NAME=VALUE with passive, expanding, jammed, unjammed (factors of the moduli), "
+    "ends (mm) or seed; may be repeated.",
+)
+@click.option(
+    "--noise-mm", default=0.1, show_default=True, type=click.FloatRange(0), help="Marker noise, mm, per axis."
+)
+@click.option(
+    "--occlusion-hz",
+    default=0.02,
+    show_default=True,
+    type=click.FloatRange(0),
+    help="Occlusions a marker a second.",
+)
+@click.option(
+    "--occlusion-s",
+    default=0.1,
+    show_default=True,
+    type=click.FloatRange(0),
+    help="How long one lasts on average.",
+)
+@click.option(
+    "--drop-out",
+    default=0.001,
+    show_default=True,
+    type=click.FloatRange(0, 0.99),
+    help="Share of frames never sent.",
+)
+@click.option(
+    "--fault",
+    "fault_texts",
+    multiple=True,
+    help="INSTRUMENT=KIND[:VALUE][@SECONDS], as in regulator=silent@5; a wrong one lists them all; may be repeated.",
+)
+@click.option(
+    "--trace",
+    "trace_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Log the plant's truth (pressure, coils, jammed fibers) as JSON lines.",
+)
+@click.option("--lease", is_flag=True, hidden=True, help="End some seconds after standard input closes.")
+@design_option
+@json_option
+def serve(
+    out_path: Path,
+    regulator: str,
+    transport: str,
+    relay_channels: str,
+    single_valve: bool,
+    dump_channel: int | None,
+    speed: float,
+    seed: int,
+    gap_texts: tuple[str, ...],
+    noise_mm: float,
+    occlusion_hz: float,
+    occlusion_s: float,
+    drop_out: float,
+    fault_texts: tuple[str, ...],
+    trace_path: Path | None,
+    lease: bool,
+    design_name: str,
+    as_json: bool,
+) -> None:
+    """Serve doubles of a regulator, a valve bank and a marker stream until Ctrl-C.
+
+    Prints and writes a rig.toml that points at them, for labctl or for any other client.
+    """
+    from labctl.cli.interrupts import stop_on_signals
+    from labctl.config.load import load_design
+    from labctl.doubles.faults import parse_faults
+    from labctl.doubles.gap_words import parse_gap
+    from labctl.doubles.markers import MarkerSettings
+    from labctl.doubles.serve import Doubles
+    from labctl.doubles.settings import DoublesSettings
+
+    settings = DoublesSettings(
+        design=load_design(design_name),
+        regulator=regulator,  # type: ignore[arg-type]  # click.Choice allows these names only
+        valve_transport=transport,  # type: ignore[arg-type]  # likewise
+        relay_channels=int(relay_channels),  # type: ignore[arg-type]  # likewise
+        single_valve=single_valve,
+        speed=speed,
+        seed=seed,
+        gap=parse_gap(gap_texts),
+        markers=MarkerSettings(
+            noise_sd_mm=noise_mm, occlusion_hz=occlusion_hz, occlusion_s=occlusion_s, dropout=drop_out
+        ),
+        faults=parse_faults(fault_texts),
+        dump_channel=dump_channel,
+        trace_path=trace_path,
+    )
+
+    def say(text: str) -> None:
+        click.echo(f"labctl: {text}", err=True)
+
+    with (
+        stop_on_signals(None if lease else "ending the doubles") as stop,
+        Doubles(settings, say=say) as served,
+    ):
+        _write(out_path, served.rig_toml())
+        if as_json:
+            emit_json({"simulated": True, "rig": str(out_path)})
+        else:
+            click.echo(served.rig_toml())
+            click.echo(f"# {SIMULATED}\n# written to {out_path}; Ctrl-C ends them")
+        sys.stdout.flush()
+        while not stop and not (lease and _input_closed()):
+            if not lease:
+                _wait(stop, _LOOK_S)
+        if lease:
+            # The guard of a program that has just died still needs the instruments.
+            _wait(stop, _LEASE_GRACE_S)
+
+
+def _write(path: Path, text: str) -> None:
+    from labctl.errors import BadInput
+
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"{path}: the rig.toml cannot be written: {error.strerror}") from error
+
+
+def _input_closed() -> bool:
+    ready, _, _ = select.select([0], [], [], _LOOK_S)
+    return bool(ready) and not os.read(0, 4096)
+
+
+def _wait(stop: "StopRequest", seconds: float) -> None:
+    from labctl.clock import WallClock
+
+    clock = WallClock()
+    end_s = clock.now_s() + seconds
+    while not stop and clock.now_s() < end_s:
+        clock.sleep(_LOOK_S)

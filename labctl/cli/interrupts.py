@@ -1,0 +1,43 @@
+"""Ctrl-C, termination and a closed terminal, turned into a wish to stop that ends in SAFE."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from labctl.stop import StopRequest
+
+
+@contextmanager
+def stop_on_signals(doing: str | None = "taking the rig to SAFE") -> Iterator[StopRequest]:
+    """While inside, signals only set the request: nothing that is going on is torn apart.
+
+    The request is looked at between any two steps, so a stop takes effect within one exchange with an
+    instrument; more signals change nothing, because the way to SAFE is already the shortest. `doing` is what the
+    person is told, None where there is nobody to tell.
+    """
+    stop = StopRequest()
+
+    def handle(number: int, _frame: FrameType | None) -> None:
+        name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
+        if doing is not None:
+            _tell(f"still {doing}" if stop else f"{name}: {doing}")
+        stop.set(name)
+
+    before = {
+        number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    }
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _tell(text: str) -> None:
+    # A handler runs in the middle of whatever was being printed: only a bare write is safe there.
+    try:
+        os.write(2, f"\nlabctl: {text}\n".encode())
+    except OSError:
+        return

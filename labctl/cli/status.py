@@ -1,0 +1,51 @@
+"""`labctl status`: what the instruments read now; nothing is written to them."""
+
+from pathlib import Path
+
+import click
+
+from labctl.cli.output import banner, emit_json
+from labctl.cli.rigs import chosen_rig, json_option, rig_option
+
+
+@click.command()
+@rig_option
+@json_option
+def status(rig_path: Path | None, as_json: bool) -> None:
+    """Pressure, setpoint, status flags and valves as they read now. Writes nothing to any instrument."""
+    from labctl.cli.interrupts import stop_on_signals
+    from labctl.clock import WallClock
+    from labctl.drivers.opening import open_regulator, open_valves
+    from labctl.errors import InstrumentError, RigUnavailable
+    from labctl.safety.safe_state import judge
+
+    with stop_on_signals() as stop, chosen_rig(rig_path, "known", stop) as config:
+        wall = WallClock()
+        try:
+            regulator = open_regulator(config.regulator, config.limits, wall)
+            valves = open_valves(config.valves, wall)
+            reading, channels_on = regulator.read(), valves.read()
+            regulator.close()
+            valves.close()
+        except InstrumentError as error:
+            raise RigUnavailable(f"{error} ({config.source})") from error
+    report = judge(reading, channels_on, config.limits, config.valves.dump_channel)
+    if as_json:
+        emit_json(
+            {
+                "simulated": config.simulated,
+                "safe": report.safe,
+                "pressure_psi": reading.gauge_psi,
+                "setpoint_psi": reading.setpoint_psi,
+                "status": sorted(reading.status),
+                "channels_on": sorted(channels_on),
+            }
+        )
+        return
+    banner(config.simulated)
+    click.echo(f"{config.name}: {'SAFE' if report.safe else 'NOT SAFE: ' + '; '.join(report.problems)}")
+    click.echo(f"pressure  {reading.gauge_psi:.2f} psi, setpoint {reading.setpoint_psi:.2f} psi")
+    click.echo(f"flags     {' '.join(sorted(reading.status)) or 'none'}")
+    click.echo(
+        f"valves    {', '.join(map(str, sorted(channels_on))) or 'none'} of {config.valves.channels} on"
+    )

@@ -1,0 +1,139 @@
+"""SAFE: setpoint 0, exhaust or dump open, every valve off, no pressure left: all of it read back.
+
+`make_safe` is the one way to SAFE; the protocols' teardown, the supervisor, the guard and `labctl vent` all
+call it. It never raises for an instrument's sake: what could not be done or read is in the report.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from labctl.clock import Clock
+from labctl.config.rig import Limits
+from labctl.instruments import PressureRegulator, ValveBank
+from labctl.readings import PressureReading
+
+# Two decimals is what an Alicat frame carries; half of the last one is rounding, not a setpoint.
+SETPOINT_ZERO_PSI = 0.015
+
+T = TypeVar("T")
+
+_TRIES = 3
+_POLL_S = 0.05
+
+
+@dataclass(frozen=True)
+class SafeReport:
+    """What the instruments said after they were told to be safe; None is what could not be read.
+
+    `vented_by` is "exhaust" or "dump" as read back. `problems` holds every reason why the rig is not SAFE;
+    it is empty exactly when `safe` is true.
+    """
+
+    pressure_psi: float | None
+    setpoint_psi: float | None
+    vented_by: str | None
+    channels_on: frozenset[int] | None
+    problems: tuple[str, ...]
+
+    @property
+    def safe(self) -> bool:
+        """SAFE was read back, all of it."""
+        return not self.problems
+
+    def describe(self) -> str:
+        """One line for people, beginning with SAFE or UNSAFE."""
+        if not self.safe:
+            return "UNSAFE: " + "; ".join(self.problems)
+        return (
+            f"SAFE, as read back: setpoint {self.setpoint_psi:.2f} psi, {self.vented_by} open, "
+            f"pressure {self.pressure_psi:.2f} psi, every valve off"
+        )
+
+
+def make_safe(
+    regulator: PressureRegulator | None,
+    valves: ValveBank | None,
+    *,
+    limits: Limits,
+    dump_channel: int | None,
+    clock: Clock,
+    tick: Callable[[], None] = lambda: None,
+) -> SafeReport:
+    """Command SAFE and read it back, within `limits.vent_timeout_s` plus the instruments' own deadlines.
+
+    The order is setpoint 0, exhaust, valves off: pressure goes first, and the exhaust cannot be undone by a
+    setpoint that is still up. Every step is tried whether or not the one before it worked. An instrument that
+    is None could not be opened and makes the rig UNSAFE. `tick` is called between exchanges, so that a caller
+    can show that it is alive.
+    """
+    failures: dict[str, str] = {}
+
+    def attempt(step: str, action: Callable[[], T]) -> T | None:
+        error: Exception | None = None
+        for _ in range(_TRIES):
+            tick()
+            try:
+                return action()
+            # A defect in one driver must not keep the next step from being taken.
+            except Exception as caught:
+                error = caught
+        failures[step] = f"{step} failed: {error}"
+        return None
+
+    reading: PressureReading | None = None
+    channels_on: frozenset[int] | None = None
+    if regulator is not None:
+        attempt("setpoint 0", lambda: regulator.write_setpoint(0.0))
+        if regulator.can_exhaust:
+            attempt("exhaust", regulator.exhaust)
+    if valves is not None:
+        attempt("valves off", lambda: valves.write(()))
+    if regulator is not None:
+        end_s = clock.now_s() + limits.vent_timeout_s
+        reading = attempt("reading the pressure", regulator.read)
+        while reading is not None and reading.gauge_psi > limits.safe_pressure_psi and clock.now_s() < end_s:
+            clock.sleep(_POLL_S)
+            reading = attempt("reading the pressure", regulator.read)
+    if valves is not None:
+        channels_on = attempt("reading the valves", valves.read)
+    report = judge(reading, channels_on, limits, dump_channel)
+    # Failed commands say why a rig is not SAFE; on their own they do not count against a state that reads SAFE.
+    return report if report.safe else replace(report, problems=(*report.problems, *failures.values()))
+
+
+def judge(
+    reading: PressureReading | None,
+    channels_on: frozenset[int] | None,
+    limits: Limits,
+    dump_channel: int | None,
+) -> SafeReport:
+    """Whether what was read back is SAFE; None is what could not be read."""
+    problems: list[str] = []
+    vented_by = None
+    if reading is None:
+        problems.append("the pressure regulator could not be read back")
+    else:
+        if abs(reading.setpoint_psi) > SETPOINT_ZERO_PSI:
+            problems.append(f"the setpoint reads {reading.setpoint_psi:.2f} psi, not 0")
+        if reading.gauge_psi > limits.safe_pressure_psi:
+            problems.append(
+                f"the pressure reads {reading.gauge_psi:.2f} psi, above {limits.safe_pressure_psi:g} psi"
+            )
+        if reading.exhausting:
+            vented_by = "exhaust"
+        elif dump_channel is not None and channels_on is not None and dump_channel not in channels_on:
+            vented_by = "dump"
+        else:
+            problems.append("neither the exhaust nor a dump valve reads open")
+    if channels_on is None:
+        problems.append("the valves could not be read back")
+    elif channels_on:
+        problems.append(f"valve channels still on: {', '.join(map(str, sorted(channels_on)))}")
+    return SafeReport(
+        pressure_psi=reading.gauge_psi if reading else None,
+        setpoint_psi=reading.setpoint_psi if reading else None,
+        vented_by=vented_by,
+        channels_on=channels_on,
+        problems=tuple(problems),
+    )

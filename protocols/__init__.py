@@ -1,0 +1,1 @@
+"""Scripted measurements, each a short file that reads like the laboratory's checklist."""

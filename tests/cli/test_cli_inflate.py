@@ -1,0 +1,191 @@
+import json
+import signal
+import time
+
+import pytest
+
+
+def wait_until(condition, timeout_s):
+    end_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end_s, "did not happen in time"
+        time.sleep(0.01)
+
+
+def is_safe(row):
+    return row["setpoint_psi"] == 0 and row["exhausting"] and row["pressure_psi"] < 0.3 and not row["coils"]
+
+
+def test_inflates_on_doubles_of_its_own_and_tells_machines(labctl):
+    done = labctl("inflate", "--pattern", "sphere", "--json")
+
+    assert done.code == 0, done.err
+    result = json.loads(done.out)
+    assert result["simulated"] is True
+    assert result["pattern"] == "sphere"
+    assert result["pressure_psi"] == pytest.approx(3.9, abs=0.1)
+    assert len(result["heights_mm"]) == 16
+    assert 0 < result["transfer_error_percent"] < 30
+    assert result["safe"] is True
+
+
+def test_tells_people_the_pressure_the_heights_the_error_and_safe(labctl, served):
+    done = labctl("inflate", "--pattern", "cylinder", "--rig", served.rig)
+
+    assert done.code == 0, done.err
+    lines = done.out.splitlines()
+    assert lines[0].startswith("SIMULATED RIG")
+    assert "channels 1, 2, 3 on" in lines[1]
+    assert any(line.startswith("held 3.9") for line in lines)
+    first = next(row for row, line in enumerate(lines) if line.split()[:1] == ["marker"])
+    rows = [line.split() for line in lines[first + 1 : first + 17]]
+    assert [int(row[0]) for row in rows] == list(range(16))
+    assert any(line.startswith("transfer error e_t ") for line in lines)
+    assert lines[-1].startswith("SAFE, as read back: setpoint 0.00 psi, exhaust open")
+    assert is_safe(served.last())
+
+
+def test_the_cylinder_curls_up_at_the_ends_of_its_fibers_and_not_across(labctl, served):
+    done = labctl("inflate", "--pattern", "cylinder", "--rig", served.rig, "--json")
+
+    heights_mm = json.loads(done.out)["heights_mm"]
+    # Markers 6..9 stand along the fiber at x = 70 mm; 3, 7, 11 across all three at y = 52.5 mm.
+    assert heights_mm[6] > heights_mm[7] + 3
+    assert heights_mm[9] > heights_mm[8] + 3
+    assert abs(heights_mm[3] - heights_mm[11]) < 1
+
+
+def test_kill_9_during_the_hold_vents_within_a_second(start, doubles_with):
+    with doubles_with("--speed", "1") as served:
+        running = start("inflate", "--pattern", "sphere", "--rig", served.rig)
+        running.wait_for("settling")
+        wait_until(lambda: served.last()["pressure_psi"] > 3.8, 15)
+        assert served.last()["coils"] == [1, 2, 3, 4, 5, 6]
+
+        killed_s = time.monotonic()
+        running.signal(signal.SIGKILL)
+        running.end()
+
+        time.sleep(1.0)
+        rows = [row for row in served.rows() if row["wall_s"] <= killed_s + 1.0]
+        assert rows[-1]["pressure_psi"] < 3.0
+        assert rows[-1]["coils"] == []
+        running.read_rest()
+        assert is_safe(served.last())
+    assert "guard: simulated rig: SAFE, as read back" in running.err
+
+
+def test_a_program_that_hangs_is_ended_and_the_rig_vented(start, doubles_with):
+    with doubles_with() as served:
+        running = start("inflate", "--pattern", "sphere", "--rig", served.rig)
+        running.wait_for("ramping")
+        running.signal(signal.SIGSTOP)
+
+        wait_until(lambda: is_safe(served.last()), 8)
+        assert running.end().code == -signal.SIGKILL
+
+
+@pytest.mark.parametrize(
+    "moment",
+    [
+        "simulating",
+        "opening",
+        "SAFE",
+        "uninflated",
+        "stiffening",
+        "ramping",
+        "settling",
+        "measuring",
+        "venting",
+    ],
+)
+def test_ctrl_c_at_any_moment_ends_in_safe(start, served, moment):
+    running = start("inflate", "--pattern", "sphere", "--rig", served.rig, "--pressure", "1 psi")
+    running.wait_for(moment)
+
+    running.signal()
+    running.signal()
+    ended = running.end()
+    running.read_rest()
+
+    # A signal that comes on the last step may find everything done.
+    assert ended.code == 130 or (moment == "venting" and ended.code == 0), running.err
+    last = served.last()
+    assert last["setpoint_psi"] == 0
+    assert last["coils"] == []
+    assert last["pressure_psi"] < 0.3
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_termination_and_a_closed_terminal_end_in_safe(start, served, number):
+    running = start("inflate", "--pattern", "sphere", "--rig", served.rig)
+    running.wait_for("ramping")
+
+    running.signal(number)
+
+    assert running.end().code == 130
+    assert is_safe(served.last())
+
+
+def test_over_pressure_is_vented_by_the_supervisor(labctl, doubles_with):
+    with doubles_with("--speed", "1", "--fault", "regulator=overpressure@7") as served:
+        done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig)
+
+        assert done.code == 1
+        assert "over-pressure" in done.err
+        assert max(row["pressure_psi"] for row in served.rows()) < 4.6
+        assert not served.last()["coils"]
+        assert served.last()["setpoint_psi"] == 0
+
+
+def test_an_exhaust_that_does_not_open_is_reported_unsafe(labctl, doubles_with):
+    with doubles_with("--fault", "regulator=stuck-exhaust@4") as served:
+        done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig, "--json")
+
+        assert done.code == 1
+        assert "UNSAFE" in json.loads(done.out)["error"]
+        assert "UNSAFE" in done.err
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("valves=stuck-coil:3", "valve bank"),
+        ("regulator=stuck-setpoint", "setpoint"),
+        ("regulator=ignored-setpoint", "setpoint"),
+        ("valves=silent@12", "valves could not be read"),
+        ("regulator=silent@12", "no credible pressure reading"),
+    ],
+)
+def test_an_instrument_that_fails_at_work_ends_the_run_with_code_1(labctl, doubles_with, fault, words):
+    with doubles_with("--fault", fault) as served:
+        done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig)
+
+        assert done.code == 1, done.err
+        assert words in done.err
+        assert "Traceback" not in done.err
+
+
+def test_a_regulator_that_dies_while_energised_still_loses_its_valves(labctl, doubles_with):
+    with doubles_with("--fault", "regulator=silent@12") as served:
+        done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig)
+
+        assert "UNSAFE" in done.err
+        assert served.last()["coils"] == []
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--regulator", "alicat-modbus", "--valves", "tcp"),
+        ("--single-valve", "--dump-channel", "8", "--relay-channels", "8"),
+    ],
+)
+def test_other_rigs_inflate_too(labctl, doubles_with, options):
+    with doubles_with(*options) as served:
+        done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig, "--json")
+
+        assert done.code == 0, done.err
+        assert json.loads(done.out)["safe"] is True
+        assert not served.last()["coils"]
+        assert served.last()["pressure_psi"] < 0.3

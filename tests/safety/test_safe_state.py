@@ -1,0 +1,128 @@
+from labctl.config.rig import Limits
+from labctl.safety.safe_state import judge, make_safe
+
+LIMITS = Limits()
+
+
+def test_pressure_goes_before_the_valves_and_everything_is_read_back(regulator, valves, clock, calls):
+    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+
+    assert report.safe
+    assert report.vented_by == "exhaust"
+    assert report.channels_on == frozenset()
+    commands = [call for call in calls if not call.startswith("read")]
+    assert commands == ["setpoint 0", "exhaust", "valves []"]
+    assert calls[-2:] == ["read pressure", "read valves"], "the state is read after the last command"
+
+
+def test_waits_until_the_pressure_is_gone(regulator, valves, clock):
+    regulator.fall_psi = 0.1
+    start_s = clock.now_s()
+
+    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+
+    assert report.safe
+    assert report.pressure_psi <= LIMITS.safe_pressure_psi
+    assert clock.now_s() > start_s
+
+
+def test_pressure_that_stays_is_unsafe_after_the_vent_timeout(regulator, valves, clock):
+    regulator.fall_psi = 0.0
+    start_s = clock.now_s()
+
+    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+
+    assert not report.safe
+    assert "pressure reads 3.90 psi" in report.describe()
+    assert report.describe().startswith("UNSAFE")
+    assert LIMITS.vent_timeout_s <= clock.now_s() - start_s < LIMITS.vent_timeout_s + 0.2
+
+
+def test_a_dead_regulator_does_not_keep_the_valves_on(regulator, valves, clock):
+    regulator.dead = True
+
+    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+
+    assert valves.on == frozenset()
+    assert not report.safe
+    assert "regulator could not be read back" in report.describe()
+    assert "no answer" in report.describe(), "the reason of the failed command is told"
+
+
+def test_a_dead_valve_bank_does_not_keep_the_pressure_up(regulator, valves, clock):
+    valves.dead = True
+
+    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+
+    assert regulator.exhausting
+    assert not report.safe
+    assert "valves could not be read back" in report.describe()
+
+
+def test_instruments_that_could_not_be_opened_are_unsafe(clock):
+    report = make_safe(None, None, limits=LIMITS, dump_channel=None, clock=clock)
+
+    assert not report.safe
+
+
+def test_a_valve_that_stays_on_is_named(regulator, valves, clock):
+    valves.stuck = frozenset({2})
+
+    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+
+    assert not report.safe
+    assert "channels still on: 2" in report.describe()
+
+
+def test_zero_setpoint_without_an_open_way_out_is_not_safe(regulator, valves, clock):
+    regulator.exhaust_works = False
+    regulator.pressure_psi = 0.0
+
+    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+
+    assert not report.safe
+    assert "neither the exhaust nor a dump valve" in report.describe()
+
+
+def test_a_dump_valve_that_reads_off_vents_a_regulator_that_cannot(regulator, valves, clock, calls):
+    regulator.can_exhaust = False
+    regulator.pressure_psi = 0.0
+
+    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=8, clock=clock)
+
+    assert report.safe
+    assert report.vented_by == "dump"
+    assert "exhaust" not in calls
+
+
+def test_one_garbled_exchange_does_not_make_a_rig_unsafe(regulator, valves, clock):
+    real, failures = regulator.write_setpoint, iter([True])
+
+    def once_garbled(setpoint_psi, timeout_s=None):
+        regulator.dead = next(failures, False)
+        try:
+            return real(setpoint_psi)
+        finally:
+            regulator.dead = False
+
+    regulator.write_setpoint = once_garbled
+
+    assert make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock).safe
+
+
+def test_a_defect_in_a_driver_does_not_stop_the_next_step(regulator, valves, clock):
+    regulator.write_setpoint = lambda setpoint_psi, timeout_s=None: 1 / 0
+
+    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+
+    assert regulator.exhausting
+    assert valves.on == frozenset()
+    assert "setpoint reads 3.90" in report.describe()
+
+
+def test_a_setpoint_left_up_is_not_safe(regulator):
+    regulator.exhausting = True
+    report = judge(regulator.read(), frozenset(), LIMITS, None)
+
+    assert not report.safe
+    assert "setpoint reads 3.90 psi" in report.describe()

@@ -1,0 +1,159 @@
+import threading
+import time
+
+import pytest
+
+from labctl.clock import WallClock
+from labctl.config.rig import Limits
+from labctl.errors import Tripped
+from labctl.safety.safe_state import make_safe
+from labctl.safety.supervisor import Expected, Supervisor
+
+LIMITS = Limits()
+HELD = Expected(3.9, frozenset({1, 2}))
+
+
+@pytest.fixture
+def supervisor(regulator, valves, guard, clock, tell):
+    def vent():
+        return make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+
+    watching = Supervisor(
+        regulator,
+        valves,
+        LIMITS,
+        clock=clock,
+        bus=threading.RLock(),
+        vent=vent,
+        guard=guard,
+        tell=tell,
+    )
+    watching.reset()
+    watching.expect(HELD)
+    watching.arm()
+    return watching
+
+
+def test_a_rig_that_is_as_it_must_be_is_left_alone(supervisor):
+    assert supervisor.poll(with_valves=True) is None
+
+
+def test_over_pressure_trips_at_the_limit_and_not_below(supervisor, regulator, said):
+    regulator.pressure_psi = LIMITS.trip_pressure_psi - 0.01
+    assert supervisor.poll(with_valves=True) is None
+    assert "warning" in said[0]
+    regulator.pressure_psi = LIMITS.trip_pressure_psi
+    assert "over-pressure: 4.30 psi" in supervisor.poll(with_valves=True)
+
+
+def test_the_warning_is_said_once(supervisor, regulator, said):
+    regulator.pressure_psi = 4.2
+    supervisor.poll(with_valves=False)
+    supervisor.poll(with_valves=False)
+    assert len(said) == 1
+
+
+def test_a_silent_regulator_trips_when_its_last_reading_is_stale(supervisor, regulator, clock):
+    supervisor.poll(with_valves=False)
+    regulator.dead = True
+    clock.sleep(LIMITS.stale_after_s - 0.01)
+    supervisor.beat()
+    assert supervisor.poll(with_valves=False) is None
+    clock.sleep(0.02)
+    assert "no credible pressure reading" in supervisor.poll(with_valves=False)
+
+
+def test_silent_valves_trip(supervisor, valves, clock):
+    valves.dead = True
+    clock.sleep(LIMITS.stale_after_s + 0.6)
+    assert "valves could not be read" in supervisor.poll(with_valves=True)
+
+
+def test_a_valve_that_reads_other_than_written_trips(supervisor, valves):
+    valves.on = frozenset({1})
+    assert "valves read back 1 on, 1, 2 were switched on" in supervisor.poll(with_valves=True)
+
+
+def test_a_setpoint_that_reads_other_than_written_trips(supervisor, regulator):
+    regulator.setpoint_psi = 3.8
+    assert "setpoint reads back 3.80 psi" in supervisor.poll(with_valves=False)
+
+
+def test_a_protocol_that_stops_beating_trips_only_while_armed(supervisor, clock):
+    clock.sleep(LIMITS.heartbeat_s + 0.1)
+    assert "not beaten" in supervisor.poll(with_valves=False)
+    supervisor.disarm()
+    assert supervisor.poll(with_valves=False) is None
+
+
+def test_losing_the_guard_trips(supervisor, guard):
+    guard.lives = False
+    assert "guard process has ended" in supervisor.poll(with_valves=False)
+
+
+def test_a_defect_while_polling_trips(supervisor, regulator):
+    regulator.read = lambda timeout_s=None: 1 / 0
+    assert "unexpected failure" in supervisor.poll(with_valves=False)
+
+
+@pytest.fixture
+def running(regulator, valves, guard, tell):
+    bus = threading.RLock()
+    wall = WallClock()
+
+    def vent():
+        return make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=wall)
+
+    watching = Supervisor(regulator, valves, LIMITS, clock=wall, bus=bus, vent=vent, guard=guard, tell=tell)
+    watching.start()
+    yield watching
+    watching.stop()
+
+
+def wait_until(condition, timeout_s=3.0):
+    end_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end_s, "did not happen in time"
+        time.sleep(0.005)
+
+
+def test_a_trip_vents_at_once_and_latches_until_reset(running, regulator, valves, said):
+    running.expect(HELD)
+    wait_until(lambda: running.latest() is not None)
+    running.check()
+
+    regulator.pressure_psi = 4.4
+    wait_until(lambda: running.trip_report is not None)
+
+    assert regulator.setpoint_psi == 0.0
+    assert regulator.exhausting
+    assert valves.on == frozenset()
+    assert running.trip_report.safe
+    assert any(line.startswith("TRIP: over-pressure") for line in said)
+    with pytest.raises(Tripped, match="over-pressure"):
+        running.check()
+
+    running.reset()
+    running.check()
+
+
+def test_polls_at_20_hz_and_beats_the_guard(running, calls, guard):
+    wait_until(lambda: running.latest() is not None)
+    before, beats, start_s = calls.count("read pressure"), guard.beats, time.monotonic()
+    time.sleep(1.0)
+    rate_hz = (calls.count("read pressure") - before) / (time.monotonic() - start_s)
+
+    assert 15 <= rate_hz <= 21
+    assert guard.beats > beats
+
+
+def test_the_guard_is_beaten_while_somebody_else_holds_the_bus_for_long(regulator, valves, guard, tell):
+    bus = threading.RLock()
+    watching = Supervisor(
+        regulator, valves, LIMITS, clock=WallClock(), bus=bus, vent=lambda: None, guard=guard, tell=tell
+    )
+    with bus:
+        watching.start()
+        time.sleep(0.4)
+        assert guard.beats >= 4
+    watching.stop()
