@@ -87,7 +87,7 @@ def doubles() -> None:
     "--fault",
     "fault_texts",
     multiple=True,
-    help="INSTRUMENT=KIND[:VALUE][@SECONDS], as in regulator=silent@5; a wrong one lists them all; may be repeated.",
+    help="INSTRUMENT=KIND[:VALUE][@SECONDS or @PSIpsi], as in regulator=silent@3psi; a wrong one lists all.",
 )
 @click.option(
     "--trace",

@@ -2,7 +2,7 @@
 
 import math
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
@@ -13,7 +13,7 @@ from labctl.clock import Clock
 from labctl.errors import BadInput
 
 Instrument = Literal["regulator", "valves", "markers"]
-Argument = Literal["", "seconds", "count", "channel"]
+Argument = Literal["", "seconds", "psi", "count", "channel"]
 
 _ANY_REPLY: dict[str, Argument] = {
     "silent": "",
@@ -57,12 +57,13 @@ class Fault:
     Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only).
     Markers: `blind` (every marker occluded).
 
-    `from_s` is the plant time at which it begins.
+    It begins once the plant time is `from_s` and the plant's pressure has been `from_psi`, for good.
     """
 
     kind: str
     value: float = 0.0
     from_s: float = 0.0
+    from_psi: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,9 @@ class Faults:
 
 
 def parse_faults(words: Iterable[str]) -> Faults:
-    """Faults from words like "regulator=garbage", "valves=late:0.8" or "markers=silent@12" (from 12 s on).
+    """Faults from words like "regulator=garbage" or "valves=late:0.8".
+
+    "markers=silent@12" begins at 12 s of the plant's time, "valves=silent@3psi" once its pressure was 3 psi.
 
     Raises:
         BadInput: a word that does not name an instrument and a fault that it can have, or a bad value.
@@ -105,7 +108,8 @@ def _allowed_words() -> str:
     for instrument, kinds in ALLOWED.items():
         shown = (kind + (f":{argument.upper()}" if argument else "") for kind, argument in kinds.items())
         words.append(f"{instrument}= {', '.join(shown)}")
-    return "; ".join(words) + "; each may end in @SECONDS, the plant time at which it begins"
+    when = "each may end in @SECONDS or @PSIpsi, the plant's time or pressure at which it begins"
+    return "; ".join((*words, when))
 
 
 def _parse_kind(word: str, instrument: Instrument, rest: str) -> Fault:
@@ -118,7 +122,11 @@ def _parse_kind(word: str, instrument: Instrument, rest: str) -> Fault:
         wanted = f"write {instrument}={kind}:{argument.upper()}" if argument else "it takes no value"
         raise BadInput(f"fault {word!r}: {wanted}")
     value = _number(word, argument, value_text) if argument else 0.0
-    return Fault(kind, value, _number(word, "seconds", from_text) if at else 0.0)
+    if not at:
+        return Fault(kind, value)
+    if from_text.endswith("psi"):
+        return Fault(kind, value, from_psi=_number(word, "psi", from_text.removesuffix("psi")))
+    return Fault(kind, value, from_s=_number(word, "seconds", from_text))
 
 
 def _number(word: str, what: Argument, text: str) -> float:
@@ -127,9 +135,9 @@ def _number(word: str, what: Argument, text: str) -> float:
     except ValueError:
         value = math.nan
     lowest = 1.0 if what == "channel" else 0.0
-    whole = what == "seconds" or value.is_integer()
+    whole = what in ("seconds", "psi") or value.is_integer()
     if not math.isfinite(value) or value < lowest or not whole:
-        kind = "a number" if what == "seconds" else "a whole number"
+        kind = "a number" if what in ("seconds", "psi") else "a whole number"
         raise BadInput(f"fault {word!r}: {what} is {text!r}; it must be {kind} of at least {lowest:g}")
     return value
 
@@ -144,6 +152,11 @@ class FaultPanel:
         self._clock = clock
         self._origin_s = clock.now_s() if origin_s is None else origin_s
         self._faults = faults
+        self._highest_psi: Callable[[], float] = lambda: 0.0
+
+    def follow(self, highest_psi: Callable[[], float]) -> None:
+        """Take the plant's highest pressure so far from `highest_psi`, for faults that begin at a pressure."""
+        self._highest_psi = highest_psi
 
     def switch(self, faults: tuple[Fault, ...]) -> None:
         """Replace all faults by `faults`."""
@@ -152,9 +165,12 @@ class FaultPanel:
     def active(self, kind: str) -> Fault | None:
         """The fault of that kind if it is there and has begun."""
         for fault in self._faults:
-            if fault.kind == kind and self._clock.now_s() - self._origin_s >= fault.from_s:
+            if fault.kind == kind and self._begun(fault):
                 return fault
         return None
+
+    def _begun(self, fault: Fault) -> bool:
+        return self._clock.now_s() - self._origin_s >= fault.from_s and self._highest_psi() >= fault.from_psi
 
 
 @dataclass(frozen=True)

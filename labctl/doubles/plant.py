@@ -89,6 +89,7 @@ class Plant:
         self._jammed: frozenset[str] = frozenset()
         self._origin_s = clock.now_s()
         self._steps = 0
+        self.highest_psi = 0.0
         self._lock = threading.RLock()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -162,6 +163,7 @@ class Plant:
             inlet_stuck=self._faults.active("overpressure") is not None,
             exhaust_stuck=self._faults.active("stuck-exhaust") is not None,
         )
+        self.highest_psi = max(self.highest_psi, self._chamber.pressure_psi)
         strain = self._design.sheet.strain_at(self._chamber.pressure_psi)
         self._sheet.step(STEP_S, self._jammed, strain)
         if self._observe is not None and self._steps % OBSERVED_EVERY == 0:

@@ -101,6 +101,8 @@ class Doubles:
             trace.write if trace else None,
         )
         opened.callback(self.plant.close)
+        for panel in self._panels.values():
+            panel.follow(lambda: self.plant.highest_psi)
         self.plant.start(_TICK_WALL_S * settings.speed)
         self._regulator = self._serve_regulator(lines["regulator"])
         opened.callback(self._regulator.close)

@@ -33,6 +33,8 @@ _ARM_TIMEOUT_S = 15.0
 _STAND_DOWN_S = 3.0
 _REOPEN_S = 5.0
 _REOPEN_PAUSE_S = 0.02
+# A regulator's first exchange includes its layout, which takes about a second at 19200 baud.
+_STEP_TIMEOUT_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -179,32 +181,41 @@ def take_to_safe(orders: GuardOrders, clock: Clock, wall: Clock) -> SafeReport:
 
     Whatever opens first is commanded at once; an instrument that stays away does not hold up the other.
     """
-    at_once = replace(orders.limits, vent_timeout_s=0.0)
-    dump_channel = orders.valves.dump_channel
     regulator: PressureRegulator | None = None
     valves: ValveBank | None = None
     end_s = wall.now_s() + _REOPEN_S
+
+    def command(limits: Limits) -> SafeReport:
+        return make_safe(
+            regulator,
+            valves,
+            limits=limits,
+            dump_channel=orders.valves.dump_channel,
+            clock=clock,
+            step_timeout_s=_STEP_TIMEOUT_S,
+        )
+
     while regulator is None or valves is None:
+        opened_before = (regulator, valves)
         failures: list[LabError] = []
-        if regulator is None:
-            try:
-                regulator = open_regulator(orders.regulator, orders.limits, wall)
-                make_safe(regulator, None, limits=at_once, dump_channel=dump_channel, clock=clock)
-            except LabError as error:
-                failures.append(error)
-        if valves is None:
-            try:
-                valves = open_valves(orders.valves, wall)
-                make_safe(None, valves, limits=at_once, dump_channel=dump_channel, clock=clock)
-            except LabError as error:
-                failures.append(error)
+        try:
+            regulator = regulator or open_regulator(orders.regulator, orders.limits, wall)
+        except LabError as error:
+            failures.append(error)
+        try:
+            valves = valves or open_valves(orders.valves, wall)
+        except LabError as error:
+            failures.append(error)
+        if not failures:
+            break
+        if (regulator, valves) != opened_before:
+            command(replace(orders.limits, vent_timeout_s=0.0))
         if wall.now_s() >= end_s:
             for failure in failures:
                 _say(f"guard: {failure}")
             break
-        if failures:
-            wall.sleep(_REOPEN_PAUSE_S)
-    return make_safe(regulator, valves, limits=orders.limits, dump_channel=dump_channel, clock=clock)
+        wall.sleep(_REOPEN_PAUSE_S)
+    return command(orders.limits)
 
 
 def _say(text: str) -> None:

@@ -5,8 +5,9 @@ call it. It never raises for an instrument's sake: what could not be done or rea
 """
 
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from labctl.clock import Clock
 from labctl.config.rig import Limits
@@ -20,6 +21,7 @@ T = TypeVar("T")
 
 _TRIES = 3
 _POLL_S = 0.05
+_TICK_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -59,47 +61,66 @@ def make_safe(
     dump_channel: int | None,
     clock: Clock,
     tick: Callable[[], None] = lambda: None,
+    step_timeout_s: float | None = None,
 ) -> SafeReport:
     """Command SAFE and read it back, within `limits.vent_timeout_s` plus the instruments' own deadlines.
 
-    The order is setpoint 0, exhaust, valves off: pressure goes first, and the exhaust cannot be undone by a
-    setpoint that is still up. Every step is tried whether or not the one before it worked. An instrument that
-    is None could not be opened and makes the rig UNSAFE. `tick` is called between exchanges, so that a caller
-    can show that it is alive.
+    Regulator and valves are commanded at once, so that neither waits for the other's silence; the regulator's
+    setpoint goes to 0 before its exhaust opens, which a setpoint that is still up could undo. Every step is
+    tried whether or not the one before it worked. An instrument that is None could not be opened and makes the
+    rig UNSAFE. `tick` is called throughout, so that a caller can show that it is alive; `step_timeout_s` bounds
+    each exchange, by the driver's own when None.
     """
-    failures: dict[str, str] = {}
+    regulator_side = _Side(step_timeout_s)
+    valve_side = _Side(step_timeout_s)
 
-    def attempt(step: str, action: Callable[[], T]) -> T | None:
+    def vent() -> PressureReading | None:
+        if regulator is None:
+            return None
+        regulator_side.attempt("setpoint 0", lambda timeout_s: regulator.write_setpoint(0.0, timeout_s))
+        if regulator.can_exhaust:
+            regulator_side.attempt("exhaust", regulator.exhaust)
+        end_s = clock.now_s() + limits.vent_timeout_s
+        while True:
+            reading = regulator_side.attempt("reading the pressure", regulator.read)
+            if reading is None or reading.gauge_psi <= limits.safe_pressure_psi or clock.now_s() >= end_s:
+                return reading
+            clock.sleep(_POLL_S)
+
+    def switch_off() -> None:
+        if valves is not None:
+            valve_side.attempt("valves off", lambda timeout_s: valves.write((), timeout_s))
+
+    with ThreadPoolExecutor(2, thread_name_prefix="to SAFE") as both:
+        venting, switching = both.submit(vent), both.submit(switch_off)
+        pending: tuple[Future[Any], ...] = (venting, switching)
+        while not all(side.done() for side in pending):
+            tick()
+            wait(pending, _TICK_S)
+    channels_on = None if valves is None else valve_side.attempt("reading the valves", valves.read)
+    report = judge(venting.result(), channels_on, limits, dump_channel)
+    # Failed commands say why a rig is not SAFE; alone they do not count against a state that reads SAFE.
+    failures = (*regulator_side.failures, *valve_side.failures)
+    return report if report.safe else replace(report, problems=(*report.problems, *failures))
+
+
+class _Side:
+    """One instrument's steps and what became of them."""
+
+    def __init__(self, timeout_s: float | None) -> None:
+        self._timeout_s = timeout_s
+        self.failures: list[str] = []
+
+    def attempt(self, step: str, action: Callable[[float | None], T]) -> T | None:
         error: Exception | None = None
         for _ in range(_TRIES):
-            tick()
             try:
-                return action()
+                return action(self._timeout_s)
             # A defect in one driver must not keep the next step from being taken.
             except Exception as caught:
                 error = caught
-        failures[step] = f"{step} failed: {error}"
+        self.failures.append(f"{step} failed: {error}")
         return None
-
-    reading: PressureReading | None = None
-    channels_on: frozenset[int] | None = None
-    if regulator is not None:
-        attempt("setpoint 0", lambda: regulator.write_setpoint(0.0))
-        if regulator.can_exhaust:
-            attempt("exhaust", regulator.exhaust)
-    if valves is not None:
-        attempt("valves off", lambda: valves.write(()))
-    if regulator is not None:
-        end_s = clock.now_s() + limits.vent_timeout_s
-        reading = attempt("reading the pressure", regulator.read)
-        while reading is not None and reading.gauge_psi > limits.safe_pressure_psi and clock.now_s() < end_s:
-            clock.sleep(_POLL_S)
-            reading = attempt("reading the pressure", regulator.read)
-    if valves is not None:
-        channels_on = attempt("reading the valves", valves.read)
-    report = judge(reading, channels_on, limits, dump_channel)
-    # Failed commands say why a rig is not SAFE; on their own they do not count against a state that reads SAFE.
-    return report if report.safe else replace(report, problems=(*report.problems, *failures.values()))
 
 
 def judge(

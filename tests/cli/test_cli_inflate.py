@@ -128,7 +128,7 @@ def test_termination_and_a_closed_terminal_end_in_safe(start, served, number):
 
 
 def test_over_pressure_is_vented_by_the_supervisor(labctl, doubles_with):
-    with doubles_with("--speed", "1", "--fault", "regulator=overpressure@7") as served:
+    with doubles_with("--speed", "1", "--fault", "regulator=overpressure@3psi") as served:
         done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig)
 
         assert done.code == 1
@@ -139,7 +139,7 @@ def test_over_pressure_is_vented_by_the_supervisor(labctl, doubles_with):
 
 
 def test_an_exhaust_that_does_not_open_is_reported_unsafe(labctl, doubles_with):
-    with doubles_with("--fault", "regulator=stuck-exhaust@4") as served:
+    with doubles_with("--fault", "regulator=stuck-exhaust@1psi") as served:
         done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig, "--json")
 
         assert done.code == 1
@@ -153,8 +153,8 @@ def test_an_exhaust_that_does_not_open_is_reported_unsafe(labctl, doubles_with):
         ("valves=stuck-coil:3", "valve bank"),
         ("regulator=stuck-setpoint", "setpoint"),
         ("regulator=ignored-setpoint", "setpoint"),
-        ("valves=silent@12", "valves could not be read"),
-        ("regulator=silent@12", "no credible pressure reading"),
+        ("valves=silent@3psi", "valves could not be read"),
+        ("markers=silent@3psi", "marker"),
     ],
 )
 def test_an_instrument_that_fails_at_work_ends_the_run_with_code_1(labctl, doubles_with, fault, words):
@@ -167,10 +167,13 @@ def test_an_instrument_that_fails_at_work_ends_the_run_with_code_1(labctl, doubl
 
 
 def test_a_regulator_that_dies_while_energised_still_loses_its_valves(labctl, doubles_with):
-    with doubles_with("--fault", "regulator=silent@12") as served:
+    with doubles_with("--fault", "regulator=silent@3psi") as served:
         done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig)
 
+        assert done.code == 1, done.err
+        assert "no credible pressure reading" in done.err
         assert "UNSAFE" in done.err
+        assert "guard: " in done.err, "the guard tries once more after the ports are free"
         assert served.last()["coils"] == []
 
 

@@ -12,6 +12,7 @@ def test_words_become_faults_of_their_instrument():
         valves=(Fault("late", 0.8), Fault("stuck-coil", 7.0)),
         markers=(Fault("silent", from_s=12.0),),
     )
+    assert parse_faults(["valves=silent@3.5psi"]).valves == (Fault("silent", from_psi=3.5),)
     assert parse_faults(["regulator=dies-after:3@1.5"]).regulator == (Fault("dies-after", 3.0, 1.5),)
 
 
@@ -29,6 +30,7 @@ def test_words_become_faults_of_their_instrument():
         ("regulator=dies-after:2.5", "count is '2.5'; it must be a whole number"),
         ("valves=stuck-coil:0", "at least 1"),
         ("valves=silent@later", "seconds is 'later'"),
+        ("valves=silent@highpsi", "psi is 'high'"),
     ],
 )
 def test_other_words_are_refused_with_what_is_allowed(word, message):
@@ -83,3 +85,12 @@ def test_fault_begins_at_its_time_and_can_be_switched(clock):
     assert panel.active("silent") == Fault("silent", from_s=12.0)
     panel.switch(())
     assert panel.active("silent") is None
+
+
+def test_fault_begins_once_the_pressure_has_been_reached_and_stays(clock):
+    panel = FaultPanel(clock, (Fault("silent", from_psi=3.0),))
+    highest_psi = 2.9
+    panel.follow(lambda: highest_psi)
+    assert panel.active("silent") is None
+    highest_psi = 3.0
+    assert panel.active("silent") is not None
