@@ -8,11 +8,15 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Identity:
-    """Who answered on a link; fields that the wire cannot tell are None, never guessed."""
+    """Who answered on a link; fields that the wire cannot tell are None, never guessed.
+
+    `setpoint_source` is a regulator's: "serial" or "analog".
+    """
 
     model: str
     serial_number: str | None = None
     firmware: str | None = None
+    setpoint_source: str | None = None
     notes: tuple[str, ...] = ()
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -85,7 +85,8 @@ def _regulator(config: "RigConfig", wall: "Clock") -> list[Finding]:
 
     regulator = open_regulator(config.regulator, config.limits, wall)
     try:
-        findings = [Finding(regulator.name, "ok", _who(regulator.identify()))]
+        identity = regulator.identify()
+        findings = [Finding(regulator.name, "ok", _who(identity)), _setpoint_source(identity)]
         reading = regulator.read()
         findings.append(
             Finding(
@@ -95,29 +96,25 @@ def _regulator(config: "RigConfig", wall: "Clock") -> list[Finding]:
                 f"flags {' '.join(sorted(reading.status)) or 'none'}",
             )
         )
-        findings.append(_setpoint_source(regulator))
     finally:
         regulator.close()
     return findings
 
 
-def _setpoint_source(regulator: Any) -> Finding:  # noqa: ANN401 - only the ASCII driver can tell
-    ask = getattr(regulator, "setpoint_source", None)
-    source = ask() if ask is not None else None
-    if source is None:
+def _setpoint_source(identity: "Identity") -> Finding:
+    if identity.setpoint_source is None:
         return Finding(
             "setpoint source",
             "unknown",
             "this protocol or firmware does not tell; a write that does not take is seen at its read-back",
         )
-    if source == "analog":
+    if identity.setpoint_source == "analog":
         return Finding(
             "setpoint source",
             "fault",
-            "analog: the device ignores setpoints sent over the wire; set its control "
-            "source to serial on the front panel",
+            "analog: the device ignores setpoints sent over the wire; set its source to serial on the front panel",
         )
-    return Finding("setpoint source", "ok", source)
+    return Finding("setpoint source", "ok", identity.setpoint_source)
 
 
 def _valves(config: "RigConfig", wall: "Clock") -> list[Finding]:

@@ -22,7 +22,7 @@ def stop_on_signals(doing: str | None = "taking the rig to SAFE") -> Iterator[St
     def handle(number: int, _frame: FrameType | None) -> None:
         name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
         if doing is not None:
-            _tell(f"still {doing}" if stop else f"{name}: {doing}")
+            _tell(f"still {doing}" if stop.asked else f"{name}: {doing}")
         stop.set(name)
 
     before = {

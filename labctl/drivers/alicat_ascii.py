@@ -99,7 +99,7 @@ class AlicatAscii:
             model=find_fact(facts, "Model Number") or "Alicat pressure controller",
             serial_number=find_fact(facts, "Serial Number"),
             firmware=find_version(version or "") or find_fact(facts, "Software Revision"),
-            notes=() if source is None else (f"setpoint source {source}",),
+            setpoint_source=source,
         )
 
     def read(self, timeout_s: float | None = None) -> PressureReading:

@@ -9,6 +9,7 @@ Its clock is the wall's whatever the rig's, because instruments answer in the wa
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -220,7 +221,7 @@ class Supervisor:
             )
         if reading.gauge_psi >= limits.warn_pressure_psi and not self._warned:
             self._warned = True
-            self._tell(
+            self._say(
                 f"warning: {reading.gauge_psi:.2f} psi is above {limits.warn_pressure_psi:g} psi; the "
                 f"supervisor vents at {limits.trip_pressure_psi:g} psi"
             )
@@ -247,9 +248,14 @@ class Supervisor:
 
     def _trip(self, reason: str) -> None:
         self.trip_reason = reason
-        self._tell(f"TRIP: {reason}; venting")
+        self._say(f"TRIP: {reason}; venting")
         self.trip_report = self._vent()
-        self._tell(self.trip_report.describe())
+        self._say(self.trip_report.describe())
+
+    def _say(self, text: str) -> None:
+        # A closed terminal must not keep the rig from being vented.
+        with suppress(Exception):
+            self._tell(text)
 
 
 def _list(channels: frozenset[int]) -> str:

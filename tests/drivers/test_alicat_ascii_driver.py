@@ -56,7 +56,7 @@ def test_identify(lines):
         model="PCD-15PSIG-D",
         serial_number="123456",
         firmware="10v20.0-R24",
-        notes=("setpoint source serial",),
+        setpoint_source="serial",
     )
     request, accepts = link.probe
     assert request == b"AVE\r"

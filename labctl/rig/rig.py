@@ -1,0 +1,280 @@
+"""The verbs of a protocol on one open rig.
+
+Each looks first whether it still may (operator's stop, supervisor's latch), each write is confirmed by a read-back
+before it returns, and each wait beats for the supervisor. Leaving the `with` block takes the rig to SAFE and reads
+that back, whatever happened inside.
+"""
+
+import threading
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from types import TracebackType
+
+from labctl.clock import Clock, FastClock, WallClock
+from labctl.config.rig import RigConfig
+from labctl.errors import InstrumentError, Unsafe
+from labctl.readings import MarkerFrame, PressureReading
+from labctl.rig.instruments import RigInstruments
+from labctl.rig.trace import PressureTrace
+from labctl.safety.guard import Guard
+from labctl.safety.safe_state import SafeReport, make_safe
+from labctl.safety.supervisor import Expected, Supervisor
+from labctl.stop import StopRequest
+
+_TICK_S = 0.05
+_LOOK_S = 0.005
+_FEWEST_FRAMES = 0.5
+
+
+class Rig:
+    """An open rig. Use as a context manager: `with Rig(config, stop=..., tell=...) as rig:`.
+
+    Opening identifies all three instruments, starts the guard and the supervisor, and energises nothing.
+
+    Args:
+        config: the rig's configuration.
+        stop: the operator's wish to stop.
+        tell: receives one line of text for each event worth a person's attention.
+
+    Raises:
+        RigUnavailable: an instrument is absent, silent or not what it should be; nothing was energised.
+    """
+
+    def __init__(self, config: RigConfig, *, stop: StopRequest, tell: Callable[[str], None]) -> None:
+        self.config = config
+        self.clock: Clock = WallClock() if config.speed == 1 else FastClock(config.speed)
+        self.safe_report: SafeReport | None = None
+        self._stop = stop
+        self._tell = tell
+        self._wall = WallClock()
+        self._bus = threading.RLock()
+        self._expected = Expected(0.0, frozenset())
+        self._closed = False
+        self._guard = Guard(config)
+        try:
+            self._instruments = RigInstruments(config, self._wall, stop)
+            try:
+                self._guard.wait_armed()
+            except BaseException:
+                self._instruments.close(tell)
+                raise
+        except BaseException:
+            self._guard.stand_down()
+            raise
+        self.identities = self._instruments.identities
+        self._supervisor = Supervisor(
+            self._instruments.regulator,
+            self._instruments.valves,
+            config.limits,
+            clock=self._wall,
+            bus=self._bus,
+            vent=self.make_safe,
+            guard=self._guard,
+            tell=tell,
+        )
+        self._supervisor.start()
+
+    def __enter__(self) -> "Rig":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        report = self.close()
+        if not report.safe and not isinstance(error, Unsafe):
+            raise Unsafe(f"{self.config.name}: {report.describe()}") from error
+
+    def check(self) -> None:
+        """Look whether anything may still be done.
+
+        Raises:
+            Stopped: the operator asked for a stop.
+            Tripped: the supervisor has vented the rig.
+            InstrumentError: the rig is closed.
+        """
+        if self._closed:
+            raise InstrumentError(f"{self.config.name} is closed; open it again before asking anything of it")
+        self._stop.check()
+        self._supervisor.check()
+
+    def wait(self, seconds: float) -> None:
+        """Let `seconds` of the rig's clock go by, beating and checking."""
+        end_s = self.clock.now_s() + seconds
+        while True:
+            self.check()
+            self._supervisor.beat()
+            left_s = end_s - self.clock.now_s()
+            if left_s <= 0:
+                return
+            self.clock.sleep(min(left_s, _TICK_S * self.config.speed))
+
+    def pressure(self) -> PressureReading:
+        """The next reading of the supervisor's 20 Hz: the instrument is never asked twice for the same thing."""
+        asked_s = self._wall.now_s()
+        while True:
+            self.check()
+            self._supervisor.beat()
+            sample = self._supervisor.latest()
+            if sample is not None and sample.wall_s > asked_s:
+                return sample.reading
+            # A supervisor that reads nothing trips, and `check` raises.
+            self._wall.sleep(_LOOK_S)
+
+    def jam(self, channels: Collection[int]) -> frozenset[int]:
+        """Stiffen exactly the fibers on `channels`; returns the channels that read back on.
+
+        A normally-open dump valve is closed in the same write.
+        """
+        wanted = set(channels)
+        if self.config.valves.dump_channel is not None:
+            wanted.add(self.config.valves.dump_channel)
+        with self._energising() as instruments:
+            on = instruments.valves.write(wanted)
+            self._expect(Expected(self._expected.setpoint_psi, on))
+        return on
+
+    def start_control(self) -> None:
+        """End hold and exhaust at setpoint 0, so that the regulator follows its setpoint again."""
+        with self._energising() as instruments:
+            instruments.regulator.write_setpoint(0.0)
+            instruments.regulator.cancel_hold()
+            self._expect(Expected(0.0, self._expected.channels_on))
+
+    def write_setpoint(self, setpoint_psi: float) -> PressureReading:
+        """Write a setpoint and read it back."""
+        with self._energising() as instruments:
+            reading = instruments.regulator.write_setpoint(setpoint_psi)
+            self._expect(Expected(setpoint_psi, self._expected.channels_on))
+        return reading
+
+    def ramp_to(self, pressure_psi: float, watch: Callable[[PressureReading], None]) -> None:
+        """Raise the setpoint at the rig's ramp rate to `pressure_psi`; `watch` sees each reading."""
+        start_s = self.clock.now_s()
+        reached = False
+        while not reached:
+            setpoint_psi = self.config.limits.ramp_psi_per_s * (self.clock.now_s() - start_s)
+            reached = setpoint_psi >= pressure_psi
+            watch(self.write_setpoint(min(setpoint_psi, pressure_psi)))
+            self.pressure()
+
+    def settle(self, pressure_psi: float, watch: Callable[[PressureReading], None]) -> PressureTrace:
+        """Wait until the pressure has stayed within tolerance for `limits.settle_s`; returns that stretch.
+
+        Raises:
+            InstrumentError: it did not within `limits.settle_timeout_s`.
+        """
+        limits = self.config.limits
+        end_s = self.clock.now_s() + limits.settle_timeout_s
+        times_s: list[float] = []
+        pressures_psi: list[float] = []
+        while not times_s or times_s[-1] - times_s[0] < limits.settle_s:
+            reading = self.pressure()
+            watch(reading)
+            if abs(reading.gauge_psi - pressure_psi) > limits.hold_tolerance_psi:
+                times_s.clear()
+                pressures_psi.clear()
+            else:
+                times_s.append(self.clock.now_s())
+                pressures_psi.append(reading.gauge_psi)
+            if self.clock.now_s() > end_s:
+                raise InstrumentError(
+                    f"{self.config.regulator.name}: the pressure did not stay within {pressure_psi:g} +- "
+                    f"{limits.hold_tolerance_psi:g} psi for {limits.settle_s:g} s within "
+                    f"{limits.settle_timeout_s:g} s (last reading {reading.gauge_psi:.2f} psi); look for a leak "
+                    "or a low supply"
+                )
+        return PressureTrace(tuple(times_s), tuple(pressures_psi))
+
+    def capture(self, seconds: float) -> tuple[list[MarkerFrame], PressureTrace]:
+        """Collect the marker frames and pressures of the next `seconds` of the rig's clock.
+
+        Raises:
+            InstrumentError: the marker stream stalled or ended.
+        """
+        feed = self._instruments.feed
+        mark = feed.mark()
+        times_s: list[float] = []
+        pressures_psi: list[float] = []
+        end_s = self.clock.now_s() + seconds
+        while not times_s or self.clock.now_s() < end_s:
+            pressures_psi.append(self.pressure().gauge_psi)
+            times_s.append(self.clock.now_s())
+        frames = feed.since(mark)
+        self._require_flow(len(frames), seconds)
+        return frames, PressureTrace(tuple(times_s), tuple(pressures_psi))
+
+    def make_safe(self) -> SafeReport:
+        """Take the rig to SAFE and read it back; may be called at any time, any number of times.
+
+        Looks at no stop and no latch: the way to SAFE is always open.
+        """
+        with self._bus:
+            report = make_safe(
+                self._instruments.regulator,
+                self._instruments.valves,
+                limits=self.config.limits,
+                dump_channel=self.config.valves.dump_channel,
+                clock=self.clock,
+                tick=self._guard.beat,
+            )
+            self._expect(Expected(0.0, frozenset()))
+            if report.safe:
+                self._supervisor.disarm()
+                self._guard.safe()
+            self.safe_report = report
+        return report
+
+    def reset(self) -> None:
+        """Release the supervisor's latch after a trip that a person has dealt with; the rig is taken to SAFE first.
+
+        Raises:
+            Unsafe: SAFE could not be read back; the latch stays.
+        """
+        report = self.make_safe()
+        if not report.safe:
+            raise Unsafe(f"{self.config.name} stays latched: {report.describe()}")
+        with self._bus:
+            self._supervisor.reset()
+
+    def close(self) -> SafeReport:
+        """Take the rig to SAFE, read it back and give every link back; may be called twice.
+
+        When SAFE cannot be read back, the guard process is left to try once more after the links are free.
+        """
+        if self._closed and self.safe_report is not None:
+            return self.safe_report
+        report = self.make_safe()
+        self._closed = True
+        self._supervisor.stop()
+        self._instruments.close(self._tell)
+        if report.safe:
+            self._guard.stand_down()
+        else:
+            self._guard.release()
+        return report
+
+    @contextmanager
+    def _energising(self) -> Iterator[RigInstruments]:
+        """Hold the bus with the supervisor and the guard armed."""
+        self.check()
+        with self._bus:
+            self.check()
+            self._supervisor.arm()
+            self._guard.energised()
+            yield self._instruments
+            self._supervisor.beat()
+
+    def _expect(self, expected: Expected) -> None:
+        self._expected = expected
+        self._supervisor.expect(expected)
+
+    def _require_flow(self, frames: int, seconds: float) -> None:
+        """Refuse a window of a stream that stalled: few samples are not a short measurement."""
+        config = self.config.markers
+        due = seconds * config.frequency_hz
+        silent_s = self._instruments.feed.last_frame_age_s()
+        if frames < _FEWEST_FRAMES * due or silent_s > self.config.limits.stale_after_s:
+            raise InstrumentError(
+                f"{config.name}: {frames} of about {due:.0f} frames came in {seconds:g} s, the last {silent_s:.1f} s "
+                "ago; check the marker server and the network"
+            )
