@@ -32,6 +32,14 @@ class PressureReading:
     status: frozenset[str] = field(default_factory=frozenset)
 
     @property
+    def faults(self) -> frozenset[str]:
+        """The flags by which the device says that its reading cannot be trusted.
+
+        ADC, converter error; POV, pressure over range; OPL, over-pressure limit.
+        """
+        return self.status & {"ADC", "POV", "OPL"}
+
+    @property
     def exhausting(self) -> bool:
         """The device reports its exhaust valve open (EXH)."""
         return "EXH" in self.status

@@ -1,27 +1,26 @@
 """The operator's wish to stop: a flag that is looked at between steps, never an exception out of nowhere."""
 
-import threading
-
 from labctl.errors import Stopped
 
 
 class StopRequest:
-    """Set once, by a signal handler or another thread; checked by whoever waits or acts."""
+    """Set by a signal handler or another thread; checked by whoever waits or acts.
+
+    A plain attribute: a signal handler may interrupt itself, and no lock survives that.
+    """
 
     def __init__(self) -> None:
-        self._event = threading.Event()
-        self._cause = ""
+        self._cause: str | None = None
 
     def set(self, cause: str) -> None:
         """Ask for a stop; the first cause is the one that is told."""
-        if not self._event.is_set():
+        if self._cause is None:
             self._cause = cause
-        self._event.set()
 
     @property
     def asked(self) -> bool:
         """Whether a stop was asked for."""
-        return self._event.is_set()
+        return self._cause is not None
 
     def check(self) -> None:
         """Raise when a stop was asked for.
@@ -29,5 +28,5 @@ class StopRequest:
         Raises:
             Stopped: naming the cause.
         """
-        if self._event.is_set():
+        if self._cause is not None:
             raise Stopped(f"stopped by {self._cause}")

@@ -22,6 +22,9 @@ from labctl.mocap.window import MarkerWindow, average
 from labctl.rig import PressureTrace, Rig
 from labctl.safety.safe_state import SafeReport
 
+# A fortieth of the usual inflation: what is left of it moves no marker by more than the noise.
+_UNINFLATED_PSI = 0.1
+
 
 @dataclass(frozen=True)
 class InflateOrder:
@@ -77,6 +80,7 @@ def inflate(rig: Rig, order: InflateOrder, progress: Callable[[Progress], None])
     _require_safe(rig.make_safe())
 
     progress(Progress("capturing the uninflated sheet"))
+    rig.fall_below(_UNINFLATED_PSI)
     frames, _ = rig.capture(limits.capture_s)
     baseline = average(frames, ids)
     frame = fit_sheet_frame(ids, sheet_mm, baseline.mean_mm, rig.config.markers.up)

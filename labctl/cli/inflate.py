@@ -41,8 +41,7 @@ def inflate(pattern: str, pressure_text: str, design_name: str, rig_path: Path |
     from protocols.inflate import inflate as run_inflate
     from sim.warm import compile_kernels
 
-    line = ProgressLine(quiet=as_json)
-    with stop_on_signals() as stop:
+    with stop_on_signals() as stop, ProgressLine(quiet=as_json) as line:
         wanted_psi = pressure_psi(pressure_text)
         design = load_design(design_name)
         channels = design.channels(pattern)
@@ -64,7 +63,6 @@ def inflate(pattern: str, pressure_text: str, design_name: str, rig_path: Path |
                         "" if progress.pressure_psi is None else f"{progress.pressure_psi:.2f} psi",
                     ),
                 )
-            line.end()
             error = transfer_error(result.heights_mm, simulated_mm)
     if as_json:
         emit_json(_for_machines(config, pattern, result, simulated_mm, error))

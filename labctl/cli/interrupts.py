@@ -1,9 +1,10 @@
 """Ctrl-C, termination and a closed terminal, turned into a wish to stop that ends in SAFE."""
 
 import os
+import select
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 from labctl.stop import StopRequest
@@ -21,9 +22,10 @@ def stop_on_signals(doing: str | None = "taking the rig to SAFE") -> Iterator[St
 
     def handle(number: int, _frame: FrameType | None) -> None:
         name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
-        if doing is not None:
-            _tell(f"still {doing}" if stop.asked else f"{name}: {doing}")
+        again = stop.asked
         stop.set(name)
+        if doing is not None:
+            _tell(f"still {doing}" if again else f"{name}: {doing}")
 
     before = {
         number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -36,8 +38,9 @@ def stop_on_signals(doing: str | None = "taking the rig to SAFE") -> Iterator[St
 
 
 def _tell(text: str) -> None:
-    # A handler runs in the middle of whatever was being printed: only a bare write is safe there.
-    try:
-        os.write(2, f"\nlabctl: {text}\n".encode())
-    except OSError:
-        return
+    # A handler runs in the middle of whatever was being printed: only a bare write is safe there, and only
+    # where a stopped terminal cannot make it wait.
+    with suppress(OSError, ValueError):
+        _, ready, _ = select.select([], [2], [], 0)
+        if ready:
+            os.write(2, f"\nlabctl: {text}\n".encode())

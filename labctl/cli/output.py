@@ -4,9 +4,12 @@ import json
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from types import TracebackType
 from typing import Any
 
 import click
+
+from labctl.telling import Teller
 
 SIMULATED = "SIMULATED RIG: byte-level doubles answer; no real instrument is connected"
 
@@ -36,36 +39,51 @@ def number(value: float, decimals: int = 2) -> str:
 
 
 class ProgressLine:
-    """Live progress on standard error: one line that is rewritten on a terminal, one line a step elsewhere."""
+    """Live progress on standard error: one line, rewritten, on a terminal; one line a step elsewhere.
+
+    Nothing here waits for the terminal: whoever shows progress may be holding a pressure. A context manager;
+    leaving it lets what was said be written, for a second at most.
+    """
 
     def __init__(self, *, quiet: bool) -> None:
         self._live = sys.stderr.isatty()
         self._quiet = quiet and not self._live
         self._step = ""
         self._width = 0
+        self._teller = Teller(self._write)
+
+    def __enter__(self) -> "ProgressLine":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._live and self._step:
+            self._teller.tell("")
+        self._teller.finish()
 
     def show(self, step: str, detail: str = "") -> None:
         """Show where things are."""
         if self._quiet:
             return
         if self._live:
-            text = f"{step} {detail}".rstrip()
-            click.echo("\r" + text.ljust(self._width), nl=False, err=True)
-            self._width = len(text)
+            self._teller.tell(f"\r{step} {detail}".rstrip())
         elif step != self._step:
-            click.echo(f"... {step}", err=True)
+            self._teller.tell(f"... {step}")
         self._step = step
 
     def note(self, text: str) -> None:
         """Say something that must stay readable."""
-        self.end()
-        click.echo(f"labctl: {text}", err=True)
+        self._teller.tell(f"labctl: {text}")
 
-    def end(self) -> None:
-        """Leave the live line, so that what follows starts on its own."""
-        if self._live and self._width:
-            click.echo("", err=True)
+    def _write(self, text: str) -> None:
+        if text.startswith("\r"):
+            sys.stderr.write(text.ljust(self._width))
+            self._width = len(text)
+        else:
+            sys.stderr.write(("\n" if self._width else "") + (text + "\n" if text else ""))
             self._width = 0
+        sys.stderr.flush()
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever JSON can hold

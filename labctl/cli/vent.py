@@ -18,34 +18,16 @@ def vent(rig_path: Path | None, as_json: bool) -> int:
     and the exit code 1.
     """
     from labctl.cli.interrupts import stop_on_signals
-    from labctl.clock import FastClock, WallClock
-    from labctl.drivers.opening import open_regulator, open_valves
-    from labctl.errors import InstrumentError
-    from labctl.instruments import PressureRegulator, ValveBank
-    from labctl.safety.safe_state import make_safe
+    from labctl.clock import WallClock
+    from labctl.safety.reach import Reach, open_and_make_safe
 
     with stop_on_signals() as stop, chosen_rig(rig_path, "known", stop) as config:
-        wall = WallClock()
-        regulator: PressureRegulator | None = None
-        valves: ValveBank | None = None
-        try:
-            regulator = open_regulator(config.regulator, config.limits, wall)
-        except InstrumentError as error:
-            click.echo(f"labctl: {error}", err=True)
-        try:
-            valves = open_valves(config.valves, wall)
-        except InstrumentError as error:
-            click.echo(f"labctl: {error}", err=True)
-        report = make_safe(
-            regulator,
-            valves,
-            limits=config.limits,
-            dump_channel=config.valves.dump_channel,
-            clock=wall if config.speed == 1 else FastClock(config.speed),
+        report = open_and_make_safe(
+            Reach.of(config),
+            WallClock(),
+            patience_s=0.0,
+            say=lambda text: click.echo(f"labctl: {text}", err=True),
         )
-        for part in (regulator, valves):
-            if part is not None:
-                part.close()
     if as_json:
         emit_json(
             {

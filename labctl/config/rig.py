@@ -92,6 +92,7 @@ class Limits:
     warn_pressure_psi: float = 4.1
     trip_pressure_psi: float = 4.3
     safe_pressure_psi: float = 0.3
+    min_pressure_psi: float = -0.5
     hold_tolerance_psi: float = 0.1
     ramp_psi_per_s: float = 1.0
     settle_s: float = 6.0
@@ -100,6 +101,8 @@ class Limits:
     stale_after_s: float = 0.5
     heartbeat_s: float = 1.0
     vent_timeout_s: float = 10.0
+    follow_within_psi: float = 1.0
+    follow_timeout_s: float = 5.0
 
     def check_pressure(self, pressure_psi: float, source: str) -> None:
         """Refuse a pressure to hold that this rig must not go to; `source` names the rig's file.

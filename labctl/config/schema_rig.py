@@ -23,7 +23,11 @@ from labctl.config.rules import Flag, Number, OneOf, Quantity, Range, Text, Whol
 SHEET_SQUARE_MM = 140.0
 BAUDRATES = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 128000, 256000)
 LONGEST_S = 3600.0
+# While it lasts nobody looks at the pressure.
+LONGEST_EXCHANGE_S = 1.0
 LONGEST_TIMEOUT_S = 10.0
+# Above this a sheet is not empty.
+HIGHEST_SAFE_PSI = 0.5
 # What a marker feed holds at 960 Hz.
 LONGEST_CAPTURE_S = 60.0
 LONGEST_STALE_S = 2.0
@@ -37,6 +41,7 @@ Port = Annotated[str, PlainValidator(Text('a serial port, for example "/dev/ttyU
 Baudrate = Annotated[int, PlainValidator(OneOf(BAUDRATES))]
 DeviceId = Annotated[int, PlainValidator(Whole(1, 247))]
 Timeout = Annotated[float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_TIMEOUT_S, above_low=True)))]
+Exchange = Annotated[float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_EXCHANGE_S, above_low=True)))]
 OnSheet = Annotated[float, PlainValidator(Quantity(LENGTH, Range(0, SHEET_SQUARE_MM)))]
 Pressure = Annotated[float, PlainValidator(Quantity(PRESSURE, Range(0, above_low=True)))]
 Rate = Annotated[float, PlainValidator(Quantity(PRESSURE_RATE, Range(0, above_low=True)))]
@@ -72,7 +77,7 @@ class RegulatorSection(Section):
     unit_id: Annotated[str, PlainValidator(Text("one letter from A to Z", "[A-Z]"))] = "A"
     device_id: DeviceId = 1
     pressure_unit: Annotated[PressureUnit, PlainValidator(OneOf(("psi", "kPa", "bar", "mbar")))]
-    timeout: Timeout = 0.5
+    timeout: Exchange = 0.5
 
     def config(self) -> RegulatorConfig:
         """The regulator as the rest of the program knows it."""
@@ -102,7 +107,7 @@ class ValvesSection(Section):
     device_id: DeviceId = 1
     channels: Annotated[int, PlainValidator(OneOf((8, 16, 32)))]
     dump_channel: Annotated[int, PlainValidator(Whole(1, 32))] | None = None
-    timeout: Timeout = 0.5
+    timeout: Exchange = 0.5
 
     @field_validator("dump_channel")
     @classmethod
@@ -175,7 +180,12 @@ class LimitsSection(Section):
     max_pressure: Pressure = Limits.max_pressure_psi
     warn_pressure: Pressure = Limits.warn_pressure_psi
     trip_pressure: Pressure = Limits.trip_pressure_psi
-    safe_pressure: Pressure = Limits.safe_pressure_psi
+    safe_pressure: Annotated[
+        float, PlainValidator(Quantity(PRESSURE, Range(0, HIGHEST_SAFE_PSI, above_low=True)))
+    ] = Limits.safe_pressure_psi
+    min_pressure: Annotated[float, PlainValidator(Quantity(PRESSURE, Range(-15, 0)))] = (
+        Limits.min_pressure_psi
+    )
     hold_tolerance: Pressure = Limits.hold_tolerance_psi
     ramp: Rate = Limits.ramp_psi_per_s
     settle: Wait = Limits.settle_s
@@ -188,20 +198,14 @@ class LimitsSection(Section):
         float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_HEARTBEAT_S, above_low=True)))
     ] = Limits.heartbeat_s
     vent_timeout: Duration = Limits.vent_timeout_s
+    follow_within: Pressure = Limits.follow_within_psi
+    follow_timeout: Duration = Limits.follow_timeout_s
 
     @field_validator("warn_pressure", "trip_pressure")
     @classmethod
     def _is_above_the_one_before(cls, pressure: float, info: ValidationInfo) -> float:
         before = "max_pressure" if info.field_name == "warn_pressure" else "warn_pressure"
         return _ordered(pressure, info, before, "psi")
-
-    @field_validator("safe_pressure")
-    @classmethod
-    def _is_below_what_is_run(cls, pressure: float, info: ValidationInfo) -> float:
-        highest = info.data.get("max_pressure")
-        if highest is not None and pressure >= highest:
-            raise ValueError(f"{pressure:g} psi must be below limits.max_pressure, {highest:g} psi")
-        return pressure
 
     @field_validator("settle_timeout")
     @classmethod
@@ -215,6 +219,7 @@ class LimitsSection(Section):
             warn_pressure_psi=self.warn_pressure,
             trip_pressure_psi=self.trip_pressure,
             safe_pressure_psi=self.safe_pressure,
+            min_pressure_psi=self.min_pressure,
             hold_tolerance_psi=self.hold_tolerance,
             ramp_psi_per_s=self.ramp,
             settle_s=self.settle,
@@ -223,6 +228,8 @@ class LimitsSection(Section):
             stale_after_s=self.stale_after,
             heartbeat_s=self.heartbeat,
             vent_timeout_s=self.vent_timeout,
+            follow_within_psi=self.follow_within,
+            follow_timeout_s=self.follow_timeout,
         )
 
 

@@ -2,8 +2,14 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import Literal
 
 import numpy as np
+
+Sensor = Literal["true", "frozen", "low"]
+
+_LOW_SENSOR_PSI = -2.0
+_SENSOR_SLACK_PSI = 0.05
 
 
 class Mode(Enum):
@@ -59,12 +65,21 @@ class Chamber:
         self._rate_psi_per_s = 0.0
 
     def step(
-        self, dt_s: float, *, dump_open: bool = False, inlet_stuck: bool = False, exhaust_stuck: bool = False
+        self,
+        dt_s: float,
+        *,
+        dump_open: bool = False,
+        inlet_stuck: bool = False,
+        exhaust_stuck: bool = False,
+        sensor: Sensor = "true",
     ) -> None:
         """Advance by `dt_s`.
 
-        `inlet_stuck` is an inlet stuck open, `exhaust_stuck` an exhaust valve stuck shut.
+        `inlet_stuck` is an inlet stuck open, `exhaust_stuck` an exhaust valve stuck shut. A `sensor` that reads
+        too little, for good ("frozen") or by far ("low"), makes the controller open its inlet.
         """
+        if sensor != "true" and self.mode is Mode.CONTROL:
+            inlet_stuck = inlet_stuck or self.setpoint_psi > self.measured_psi + _SENSOR_SLACK_PSI
         venting = self.mode is Mode.EXHAUST and not exhaust_stuck
         if self.mode is Mode.CONTROL and not inlet_stuck:
             self._control(dt_s, dump_open)
@@ -75,7 +90,10 @@ class Chamber:
             self.pressure_psi = max(self.pressure_psi, min(climbed, self.settings.supply_psi))
         self._lose(dt_s, venting, dump_open)
         noise = self.settings.noise_psi * self._rng.standard_normal()
-        self.measured_psi = self.pressure_psi - self.tare_psi + noise
+        if sensor == "true":
+            self.measured_psi = self.pressure_psi - self.tare_psi + noise
+        elif sensor == "low":
+            self.measured_psi = _LOW_SENSOR_PSI + noise
 
     def _control(self, dt_s: float, dump_open: bool) -> None:
         s = self.settings

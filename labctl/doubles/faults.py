@@ -34,6 +34,8 @@ ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
                 "ignored-setpoint": "",
                 "stuck-exhaust": "",
                 "overpressure": "",
+                "frozen-sensor": "",
+                "low-sensor": "",
             }
         ),
         "valves": MappingProxyType(
@@ -53,7 +55,8 @@ class Fault:
     requests, of a marker server after so many frames). Of the regulator and the valves: `wrong-address`
     (the reply carries another device's address, all else intact).
     Regulator: `stuck-setpoint` (accepted, never taken over); `ignored-setpoint` (the setpoint source is
-    analog); `stuck-exhaust` (EXH is reported, the valve stays shut); `overpressure` (the inlet sticks open).
+    analog); `stuck-exhaust` (EXH is reported, the valve stays shut); `overpressure` (the inlet sticks open);
+    `frozen-sensor`, `low-sensor` (the reading stays, or is -2 psi; the controller opens its inlet for it).
     Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only).
     Markers: `blind` (every marker occluded).
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from labctl.clock import Clock
 from labctl.config.design import Design
-from labctl.doubles.chamber import Chamber, ChamberSettings, Mode
+from labctl.doubles.chamber import Chamber, ChamberSettings, Mode, Sensor
 from labctl.doubles.faults import FaultPanel
 from labctl.doubles.relays import SWITCHING_DELAY_S, Relays
 from labctl.doubles.sheet import Relaxation, RelaxingSheet, ShapeSource
@@ -162,12 +162,18 @@ class Plant:
             dump_open=dump is not None and dump not in self._relays.vacuum,
             inlet_stuck=self._faults.active("overpressure") is not None,
             exhaust_stuck=self._faults.active("stuck-exhaust") is not None,
+            sensor=self._sensor(),
         )
         self.highest_psi = max(self.highest_psi, self._chamber.pressure_psi)
         strain = self._design.sheet.strain_at(self._chamber.pressure_psi)
         self._sheet.step(STEP_S, self._jammed, strain)
         if self._observe is not None and self._steps % OBSERVED_EVERY == 0:
             self._observe(self._state())
+
+    def _sensor(self) -> Sensor:
+        if self._faults.active("low-sensor"):
+            return "low"
+        return "frozen" if self._faults.active("frozen-sensor") else "true"
 
     def _state(self) -> PlantState:
         return PlantState(

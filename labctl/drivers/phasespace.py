@@ -141,6 +141,9 @@ class PhaseSpace:
         if not self._asked_to_initialize:
             session.send("internal", wire.BYTE, CLIENT_TEXT, deadline)
             options = f"{EVENTS_TEXT} timebase=1,1000000 frequency={self.frequency_hz:g}"
+            # What was told before the request, by another client's session say, does not answer it.
+            for key in ("initialized", "frequency", "timebase"):
+                session.properties.pop(key, None)
             session.send("initialize", wire.BYTE, options.encode("ascii"), deadline)
             self._asked_to_initialize = True
         session.pump_until(lambda: session.integer("initialized") == 1, deadline)

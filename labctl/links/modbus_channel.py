@@ -135,7 +135,7 @@ class TcpChannel:
 
     def discard_late_replies(self, deadline: Deadline) -> bool:
         """Connect anew, unless the link was closed for good; late replies went with the old connection."""
-        self._stream.close()
+        self._stream.abort()
         if not self._closed:
             self._stream = self._connect(deadline.remaining_s())
         return True

@@ -3,6 +3,7 @@
 import errno
 import os
 import select
+import termios
 
 import serial
 
@@ -28,7 +29,7 @@ class SerialPort:
         self.clock = clock
         try:
             self._serial = serial.Serial(port, baudrate, timeout=0, exclusive=True)
-        except (serial.SerialException, ValueError) as error:
+        except (OSError, termios.error, ValueError) as error:
             raise LinkDown(f"{self.name}: {_why_not_open(error, port, baudrate)}") from error
 
     def write(self, data: bytes, deadline: Deadline) -> None:

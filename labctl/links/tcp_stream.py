@@ -4,7 +4,9 @@ import ipaddress
 import queue
 import select
 import socket
+import struct
 import threading
+from contextlib import suppress
 from typing import Any
 
 from labctl.clock import Clock
@@ -80,6 +82,12 @@ class TcpStream:
         wanted = bytes(self._held[:n])
         del self._held[:n]
         return wanted
+
+    def abort(self) -> None:
+        """Close and throw away what has not been sent: a request that was given up must not arrive later."""
+        with suppress(OSError):
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self.close()
 
     def close(self) -> None:
         """Close the connection; may be called twice."""

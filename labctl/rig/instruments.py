@@ -1,4 +1,4 @@
-"""A rig's three instruments, opened, identified and closed together; nothing is written to any of them."""
+"""A rig's three instruments, opened, identified and closed together; nothing is energised here."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from labctl.clock import Clock
 from labctl.config.rig import RigConfig
 from labctl.drivers.opening import open_markers, open_regulator, open_valves
-from labctl.errors import InstrumentError, LabError, RigUnavailable
+from labctl.errors import InstrumentError, LabError, RigUnavailable, Unsafe
 from labctl.instruments import PressureRegulator, ValveBank
 from labctl.mocap.feed import MarkerFeed
-from labctl.readings import Identity
+from labctl.readings import Identity, PressureReading
+from labctl.safety.safe_state import SETPOINT_ZERO_PSI, make_safe
 from labctl.stop import StopRequest
 
 
@@ -26,18 +27,28 @@ class Identities:
 class RigInstruments:
     """Regulator, valve bank and marker stream of one rig, each of which has answered for itself.
 
+    A rig that is found with pressure, a setpoint or valves on was left so by something else: it is taken to
+    SAFE before anything more is asked.
+
     Raises:
+        Unsafe: it was found energised and SAFE could not be read back.
         RigUnavailable: one is absent, silent, or not what rig.toml says; nothing was energised.
         Stopped: the operator asked for a stop while they were being opened.
     """
 
-    def __init__(self, config: RigConfig, clock: Clock, stop: StopRequest) -> None:
+    def __init__(
+        self, config: RigConfig, clock: Clock, stop: StopRequest, tell: Callable[[str], None]
+    ) -> None:
         with ExitStack() as opened:
             try:
                 self.regulator: PressureRegulator = open_regulator(config.regulator, config.limits, clock)
                 opened.callback(self.regulator.close)
                 self.valves: ValveBank = open_valves(config.valves, clock)
                 opened.callback(self.valves.close)
+                found = _found_energised(self.regulator.read(), self.valves.read(), config)
+                if found:
+                    tell(f"{config.name} was found energised ({found}): taking it to SAFE")
+                    _make_safe(self.regulator, self.valves, config, clock)
                 markers = open_markers(config.markers, clock)
                 opened.callback(markers.close)
                 stop.check()
@@ -45,9 +56,6 @@ class RigInstruments:
                     self.regulator.identify(), self.valves.identify(), markers.identify()
                 )
                 _require_as_configured(self.identities.regulator, config)
-                # One that answers for itself but reads nothing credible is not one to build on.
-                self.regulator.read()
-                self.valves.read()
                 markers.start()
             except InstrumentError as error:
                 raise RigUnavailable(f"{error}. Nothing was energised ({config.source})") from error
@@ -62,6 +70,26 @@ class RigInstruments:
             self._opened.close()
         except LabError as error:
             tell(f"closing: {error}")
+
+
+def _found_energised(reading: PressureReading, channels_on: frozenset[int], config: RigConfig) -> str:
+    """What is on, in words; nothing where nothing is."""
+    found = []
+    if abs(reading.setpoint_psi) > SETPOINT_ZERO_PSI:
+        found.append(f"setpoint {reading.setpoint_psi:.2f} psi")
+    if reading.gauge_psi > config.limits.safe_pressure_psi:
+        found.append(f"pressure {reading.gauge_psi:.2f} psi")
+    if channels_on:
+        found.append(f"channels {', '.join(map(str, sorted(channels_on)))} on")
+    return ", ".join(found)
+
+
+def _make_safe(regulator: PressureRegulator, valves: ValveBank, config: RigConfig, wall: Clock) -> None:
+    report = make_safe(
+        regulator, valves, limits=config.limits, dump_channel=config.valves.dump_channel, clock=wall
+    )
+    if not report.safe:
+        raise Unsafe(f"{config.name} was found energised: {report.describe()}")
 
 
 def _require_as_configured(regulator: Identity, config: RigConfig) -> None:

@@ -8,6 +8,7 @@ that back, whatever happened inside.
 import threading
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from types import TracebackType
 
 from labctl.clock import Clock, FastClock, WallClock
@@ -23,6 +24,7 @@ from labctl.stop import StopRequest
 
 _TICK_S = 0.05
 _LOOK_S = 0.005
+_READING_MARGIN_S = 2.0
 _FEWEST_FRAMES = 0.5
 
 
@@ -52,7 +54,7 @@ class Rig:
         self._closed = False
         self._guard = Guard(config)
         try:
-            self._instruments = RigInstruments(config, self._wall, stop)
+            self._instruments = RigInstruments(config, self._wall, stop, tell)
             try:
                 self._guard.wait_armed()
             except BaseException:
@@ -111,7 +113,8 @@ class Rig:
     def pressure(self) -> PressureReading:
         """The next reading of the supervisor's 20 Hz: the instrument is never asked twice for the same thing."""
         asked_s = self._wall.now_s()
-        while True:
+        end_s = asked_s + self.config.limits.stale_after_s + _READING_MARGIN_S
+        while self._wall.now_s() < end_s:
             self.check()
             self._supervisor.beat()
             sample = self._supervisor.latest()
@@ -119,6 +122,24 @@ class Rig:
                 return sample.reading
             # A supervisor that reads nothing trips, and `check` raises.
             self._wall.sleep(_LOOK_S)
+        raise InstrumentError(
+            f"{self.config.regulator.name}: no new pressure reading for {end_s - asked_s:g} s, and no trip either"
+        )
+
+    def fall_below(self, pressure_psi: float) -> PressureReading:
+        """Wait until the pressure reads below `pressure_psi`.
+
+        Raises:
+            InstrumentError: it did not within `limits.vent_timeout_s`.
+        """
+        end_s = self.clock.now_s() + self.config.limits.vent_timeout_s
+        while (reading := self.pressure()).gauge_psi >= pressure_psi:
+            if self.clock.now_s() > end_s:
+                raise InstrumentError(
+                    f"{self.config.regulator.name}: {reading.gauge_psi:.2f} psi are left; the uninflated sheet is "
+                    f"measured below {pressure_psi:g} psi; tare the regulator or look for a blocked exhaust"
+                )
+        return reading
 
     def jam(self, channels: Collection[int]) -> frozenset[int]:
         """Stiffen exactly the fibers on `channels`; returns the channels that read back on.
@@ -130,21 +151,22 @@ class Rig:
             wanted.add(self.config.valves.dump_channel)
         with self._energising() as instruments:
             on = instruments.valves.write(wanted)
-            self._expect(Expected(self._expected.setpoint_psi, on))
+            self._expect(replace(self._expected, channels_on=on))
         return on
 
     def start_control(self) -> None:
         """End hold and exhaust at setpoint 0, so that the regulator follows its setpoint again."""
         with self._energising() as instruments:
             instruments.regulator.write_setpoint(0.0)
-            instruments.regulator.cancel_hold()
-            self._expect(Expected(0.0, self._expected.channels_on))
+            reading = instruments.regulator.cancel_hold()
+            self._expect(Expected(reading.setpoint_psi, self._expected.channels_on, "control"))
 
     def write_setpoint(self, setpoint_psi: float) -> PressureReading:
         """Write a setpoint and read it back."""
         with self._energising() as instruments:
             reading = instruments.regulator.write_setpoint(setpoint_psi)
-            self._expect(Expected(setpoint_psi, self._expected.channels_on))
+            # As read back, in the device's own decimals: that is what every later reading will say.
+            self._expect(replace(self._expected, setpoint_psi=reading.setpoint_psi))
         return reading
 
     def ramp_to(self, pressure_psi: float, watch: Callable[[PressureReading], None]) -> None:
@@ -217,7 +239,8 @@ class Rig:
                 clock=self.clock,
                 tick=self._guard.beat,
             )
-            self._expect(Expected(0.0, frozenset()))
+            can_exhaust = self._instruments.regulator.can_exhaust
+            self._expect(Expected(0.0, frozenset(), "vented" if can_exhaust else None))
             if report.safe:
                 self._supervisor.disarm()
                 self._guard.safe()

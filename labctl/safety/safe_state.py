@@ -22,6 +22,7 @@ T = TypeVar("T")
 _TRIES = 3
 _POLL_S = 0.05
 _TICK_S = 0.1
+_CALM_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -80,16 +81,15 @@ def make_safe(
         regulator_side.attempt("setpoint 0", lambda timeout_s: regulator.write_setpoint(0.0, timeout_s))
         if regulator.can_exhaust:
             regulator_side.attempt("exhaust", regulator.exhaust)
-        end_s = clock.now_s() + limits.vent_timeout_s
-        while True:
-            reading = regulator_side.attempt("reading the pressure", regulator.read)
-            if reading is None or reading.gauge_psi <= limits.safe_pressure_psi or clock.now_s() >= end_s:
-                return reading
-            clock.sleep(_POLL_S)
+        return _wait_for_calm(
+            lambda: regulator_side.attempt("reading the pressure", regulator.read), limits, clock
+        )
 
-    def switch_off() -> None:
-        if valves is not None:
-            valve_side.attempt("valves off", lambda timeout_s: valves.write((), timeout_s))
+    def switch_off() -> frozenset[int] | None:
+        if valves is None:
+            return None
+        valve_side.attempt("valves off", lambda timeout_s: valves.write((), timeout_s))
+        return valve_side.attempt("reading the valves", valves.read)
 
     with ThreadPoolExecutor(2, thread_name_prefix="to SAFE") as both:
         venting, switching = both.submit(vent), both.submit(switch_off)
@@ -97,11 +97,30 @@ def make_safe(
         while not all(side.done() for side in pending):
             tick()
             wait(pending, _TICK_S)
-    channels_on = None if valves is None else valve_side.attempt("reading the valves", valves.read)
-    report = judge(venting.result(), channels_on, limits, dump_channel)
+    report = judge(venting.result(), switching.result(), limits, dump_channel)
     # Failed commands say why a rig is not SAFE; alone they do not count against a state that reads SAFE.
     failures = (*regulator_side.failures, *valve_side.failures)
     return report if report.safe else replace(report, problems=(*report.problems, *failures))
+
+
+def _wait_for_calm(
+    read: Callable[[], PressureReading | None], limits: Limits, clock: Clock
+) -> PressureReading | None:
+    """Read until there has been no pressure for a while: while gas flows out, the port reads below the sheet."""
+    end_s = clock.now_s() + limits.vent_timeout_s
+    calm_since_s: float | None = None
+    while True:
+        reading = read()
+        now_s = clock.now_s()
+        if reading is None or now_s >= end_s:
+            return reading
+        if reading.gauge_psi > limits.safe_pressure_psi:
+            calm_since_s = None
+        elif calm_since_s is None:
+            calm_since_s = now_s
+        elif now_s - calm_since_s >= _CALM_S:
+            return reading
+        clock.sleep(_POLL_S)
 
 
 class _Side:
@@ -140,6 +159,15 @@ def judge(
         if reading.gauge_psi > limits.safe_pressure_psi:
             problems.append(
                 f"the pressure reads {reading.gauge_psi:.2f} psi, above {limits.safe_pressure_psi:g} psi"
+            )
+        if reading.gauge_psi < limits.min_pressure_psi:
+            problems.append(
+                f"the pressure reads {reading.gauge_psi:.2f} psi, which cannot be true (below "
+                f"{limits.min_pressure_psi:g} psi)"
+            )
+        if reading.faults:
+            problems.append(
+                f"the regulator reports {' '.join(sorted(reading.faults))}: its reading is not to be trusted"
             )
         if reading.exhausting:
             vented_by = "exhaust"

@@ -1,17 +1,20 @@
 """The supervisor: a thread that polls the rig at 20 Hz and vents it when anything is not as it must be.
 
-It trips on over-pressure, on a pressure or valves that have not been read credibly for `stale_after_s`, on a
-setpoint or a valve that reads other than what was last written, on a protocol that has stopped beating, and on
-the loss of the guard process. A trip vents at once and latches: until `reset`, nothing can be energised.
+It trips on over-pressure, on a pressure that cannot be true, on the device's own fault flags, on a pressure or
+valves that have not been read credibly for `stale_after_s`, on a setpoint, a mode or a valve that reads other than
+what was last written, on a pressure that does not follow its setpoint, on a protocol that has stopped beating, and
+on the loss of the guard process. A trip vents at once and latches: until `reset`, nothing can be energised. A rig
+that did not read back SAFE is vented again, every 2 s, for as long as the supervisor runs.
 
-Its clock is the wall's whatever the rig's, because instruments answer in the wall's time.
+Its clock is the wall's whatever the rig's, because instruments answer in the wall's time. It beats the guard only
+when it has looked at the rig: a hang anywhere in between is the guard's to end.
 """
 
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 from labctl.clock import Clock
 from labctl.config.rig import Limits
@@ -21,6 +24,7 @@ from labctl.readings import PressureReading
 from labctl.safety.safe_state import SafeReport
 
 POLL_PERIOD_S = 0.05
+REVENT_PERIOD_S = 2.0
 _POLLS_PER_VALVE_READ = 10
 _VALVE_PERIOD_S = POLL_PERIOD_S * _POLLS_PER_VALVE_READ
 _POLL_TIMEOUT_S = 0.2
@@ -29,10 +33,15 @@ _SETPOINT_TOLERANCE_PSI = 0.02
 
 @dataclass(frozen=True)
 class Expected:
-    """What the instruments must read back: the last setpoint and valves that were written and confirmed."""
+    """What the instruments must read back: what was last written, as the read-back confirmed it.
+
+    `mode` is "control" while the regulator is to follow its setpoint (neither held nor exhausting), "vented"
+    after SAFE, None where neither was asked for.
+    """
 
     setpoint_psi: float
     channels_on: frozenset[int]
+    mode: Literal["control", "vented"] | None = None
 
 
 @dataclass(frozen=True)
@@ -64,12 +73,12 @@ class Supervisor:
     Args:
         regulator: the rig's regulator.
         valves: the rig's valve bank.
-        limits: warn and trip pressures, staleness and heartbeat times.
+        limits: pressures and times.
         clock: the wall's.
         bus: the rig's instrument lock.
-        vent: takes the rig to SAFE and reports; called with `bus` held, once a trip.
+        vent: takes the rig to SAFE and reports; called with `bus` held.
         guard: the guard process, which must live and is beaten here.
-        tell: receives one line of text for each warning and trip.
+        tell: receives one line of text for each warning and trip; must not wait for anybody.
     """
 
     def __init__(
@@ -99,6 +108,8 @@ class Supervisor:
         self._beat_s = 0.0
         self._latest: Sample | None = None
         self._valves_seen_s = 0.0
+        self._follows_s = 0.0
+        self._vented_s = 0.0
         self._warned = False
         self._last_error = "none came yet"
         self._started_s = 0.0
@@ -132,7 +143,7 @@ class Supervisor:
     def expect(self, expected: Expected) -> None:
         """What must be read back from now on; call with the bus held, after the write was confirmed."""
         self._expected = expected
-        self._valves_seen_s = self._clock.now_s()
+        self._valves_seen_s = self._follows_s = self._clock.now_s()
 
     def check(self) -> None:
         """Raise when the supervisor has tripped, or has itself died.
@@ -150,9 +161,8 @@ class Supervisor:
         self.trip_reason = None
         self.trip_report = None
         self._warned = False
-        self._expected = None
         self._latest = None
-        self._started_s = self._clock.now_s()
+        self._started_s = self._follows_s = self._clock.now_s()
 
     def latest(self) -> Sample | None:
         """The newest credible reading."""
@@ -168,21 +178,35 @@ class Supervisor:
         except Exception as error:
             return f"unexpected failure while polling: {error!r}"
 
+    def watch(self, *, with_valves: bool) -> None:
+        """Look once and act on it; call with the bus held."""
+        if self.trip_reason is None:
+            reason = self.poll(with_valves=with_valves)
+            if reason is not None:
+                self.trip_reason = reason
+                self._vent_and_tell(f"TRIP: {reason}")
+            return
+        if self._clock.now_s() - self._vented_s < REVENT_PERIOD_S:
+            return
+        report = self.trip_report
+        if report is None or not report.safe:
+            self._vent_and_tell("venting again")
+        elif (reason := self.poll(with_valves=with_valves)) is not None:
+            self._vent_and_tell(f"after the vent: {reason}")
+
     def _run(self) -> None:
         polls = 0
         next_s = self._clock.now_s()
         while not self._ending.is_set():
-            self._guard.beat()
-            # Whoever holds the bus for long is on the way to SAFE; the guard must not take that for a hang.
+            # Whoever holds the bus for long is on the way to SAFE and beats the guard itself, or hangs.
             if not self._bus.acquire(timeout=POLL_PERIOD_S):
                 continue
             try:
-                if self.trip_reason is None and not self._ending.is_set():
-                    reason = self.poll(with_valves=polls % _POLLS_PER_VALVE_READ == 0)
-                    if reason is not None:
-                        self._trip(reason)
+                if not self._ending.is_set():
+                    self.watch(with_valves=polls % _POLLS_PER_VALVE_READ == 0)
             finally:
                 self._bus.release()
+            self._guard.beat()
             polls += 1
             next_s = max(next_s + POLL_PERIOD_S, self._clock.now_s())
             self._ending.wait(max(0.0, next_s - self._clock.now_s()))
@@ -194,7 +218,7 @@ class Supervisor:
             self._last_error = str(error)
             return None
         self._latest = Sample(reading, self._clock.now_s())
-        return self._judge_pressure(reading)
+        return self._judge_pressure(reading) or self._judge_regulator(reading)
 
     def _poll_valves(self) -> str | None:
         expected = self._expected
@@ -219,20 +243,35 @@ class Supervisor:
                 f"over-pressure: {reading.gauge_psi:.2f} psi is at or above the trip limit of "
                 f"{limits.trip_pressure_psi:g} psi"
             )
-        if reading.gauge_psi >= limits.warn_pressure_psi and not self._warned:
-            self._warned = True
-            self._say(
-                f"warning: {reading.gauge_psi:.2f} psi is above {limits.warn_pressure_psi:g} psi; the "
-                f"supervisor vents at {limits.trip_pressure_psi:g} psi"
+        if reading.gauge_psi < limits.min_pressure_psi:
+            return (
+                f"the pressure reads {reading.gauge_psi:.2f} psi, which cannot be true (below "
+                f"{limits.min_pressure_psi:g} psi)"
             )
-        elif reading.gauge_psi < limits.warn_pressure_psi - limits.hold_tolerance_psi:
-            self._warned = False
-        expected = self._expected
-        if (
-            expected is not None
-            and abs(reading.setpoint_psi - expected.setpoint_psi) > _SETPOINT_TOLERANCE_PSI
-        ):
+        if reading.faults:
+            return f"the regulator reports {' '.join(sorted(reading.faults))}"
+        self._warn(reading.gauge_psi)
+        return None
+
+    def _judge_regulator(self, reading: PressureReading) -> str | None:
+        """Whether setpoint, mode and pressure are what was asked for."""
+        expected, limits, now_s = self._expected, self._limits, self._clock.now_s()
+        if expected is None:
+            return None
+        if abs(reading.setpoint_psi - expected.setpoint_psi) > _SETPOINT_TOLERANCE_PSI:
             return f"setpoint reads back {reading.setpoint_psi:.2f} psi, {expected.setpoint_psi:.2f} psi was written"
+        if expected.mode == "control" and (reading.holding or reading.exhausting):
+            return "the regulator reads back held or exhausting, and was told to follow its setpoint"
+        if expected.mode == "vented" and not reading.exhausting:
+            return "the exhaust reads back closed, and was told to stay open"
+        lag_psi = abs(reading.gauge_psi - expected.setpoint_psi)
+        if expected.mode != "control" or lag_psi <= limits.follow_within_psi:
+            self._follows_s = now_s
+        elif now_s - self._follows_s > limits.follow_timeout_s:
+            return (
+                f"the pressure ({reading.gauge_psi:.2f} psi) has been over {limits.follow_within_psi:g} psi away "
+                f"from its setpoint ({expected.setpoint_psi:.2f} psi) for {limits.follow_timeout_s:g} s"
+            )
         return None
 
     def _judge_times(self) -> str | None:
@@ -246,11 +285,27 @@ class Supervisor:
             return "the guard process has ended"
         return None
 
-    def _trip(self, reason: str) -> None:
-        self.trip_reason = reason
-        self._say(f"TRIP: {reason}; venting")
-        self.trip_report = self._vent()
-        self._say(self.trip_report.describe())
+    def _warn(self, gauge_psi: float) -> None:
+        limits = self._limits
+        if gauge_psi >= limits.warn_pressure_psi and not self._warned:
+            self._warned = True
+            self._say(
+                f"warning: {gauge_psi:.2f} psi is above {limits.warn_pressure_psi:g} psi; the supervisor vents at "
+                f"{limits.trip_pressure_psi:g} psi"
+            )
+        elif gauge_psi < limits.warn_pressure_psi - limits.hold_tolerance_psi:
+            self._warned = False
+
+    def _vent_and_tell(self, why: str) -> None:
+        """Vent first: nothing that is said may come between a reason and the vent."""
+        try:
+            self.trip_report = self._vent()
+        # The next look vents again.
+        except Exception as error:
+            why = f"{why}; venting failed: {error!r}"
+        self._vented_s = self._clock.now_s()
+        outcome = "" if self.trip_report is None else f"; {self.trip_report.describe()}"
+        self._say(f"{why}{outcome}")
 
     def _say(self, text: str) -> None:
         # A closed terminal must not keep the rig from being vented.

@@ -1,6 +1,12 @@
 import json
+import os
+import pty
 import signal
+import subprocess
+import sys
+import termios
 import time
+from pathlib import Path
 
 import pytest
 
@@ -127,6 +133,67 @@ def test_termination_and_a_closed_terminal_end_in_safe(start, served, number):
     assert is_safe(served.last())
 
 
+def test_a_stopped_terminal_does_not_keep_the_pressure_up(doubles_with):
+    with doubles_with() as served:
+        master, slave = pty.openpty()
+        process = subprocess.Popen(
+            [sys.executable, "-m", "labctl", "inflate", "--pattern", "sphere", "--rig", served.rig],
+            stdin=slave,
+            stdout=subprocess.DEVNULL,
+            stderr=slave,
+            start_new_session=True,
+        )
+        os.close(slave)
+        shown = b""
+        while b"settling" not in shown:
+            shown += os.read(master, 4096)
+        termios.tcflow(master, termios.TCOOFF)
+
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+
+        wait_until(lambda: is_safe(served.last()), 6)
+        termios.tcflow(master, termios.TCOON)
+        os.close(master)
+
+
+def test_a_run_on_a_stopped_terminal_comes_to_its_end(doubles_with):
+    with doubles_with() as served:
+        master, slave = pty.openpty()
+        process = subprocess.Popen(
+            [sys.executable, "-m", "labctl", "inflate", "--pattern", "sphere", "--rig", served.rig],
+            stdin=slave,
+            stdout=subprocess.DEVNULL,
+            stderr=slave,
+            start_new_session=True,
+        )
+        os.close(slave)
+        shown = b""
+        while b"ramping" not in shown:
+            shown += os.read(master, 4096)
+        termios.tcflow(master, termios.TCOOFF)
+
+        assert process.wait(40) == 0
+        assert is_safe(served.last())
+        os.close(master)
+
+
+def test_a_rig_that_was_left_energised_is_taken_to_safe_before_anything_else(labctl, doubles_with):
+    with doubles_with("--fault", "markers=silent") as served:
+        port = next(line for line in served.rig.read_text().splitlines() if line.startswith("port = ")).split(
+            '"'
+        )[1]
+        with Path(port).open("r+b", buffering=0) as line:
+            line.write(b"AS2.00\r")
+            wait_until(lambda: served.last()["pressure_psi"] > 1.5, 10)
+
+        done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig)
+
+        assert done.code == 2
+        assert "found energised (setpoint 2.00 psi" in done.err
+        assert is_safe(served.last())
+
+
 def test_over_pressure_is_vented_by_the_supervisor(labctl, doubles_with):
     with doubles_with("--speed", "1", "--fault", "regulator=overpressure@3psi") as served:
         done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig)
@@ -154,6 +221,7 @@ def test_an_exhaust_that_does_not_open_is_reported_unsafe(labctl, doubles_with):
         ("regulator=stuck-setpoint", "setpoint"),
         ("regulator=ignored-setpoint", "setpoint"),
         ("valves=silent@3psi", "valves could not be read"),
+        ("regulator=low-sensor@1psi", "cannot be true"),
         ("markers=silent@3psi", "marker"),
     ],
 )

@@ -42,7 +42,7 @@ def test_every_key_arrives_in_its_field_and_unit(rig_file):
         MarkerPoint(2, 105.0, 87.5),
         MarkerPoint(7, 70.0, 122.5),
     )
-    assert rig.limits == Limits(4.0, 4.1, 4.3, 0.3, 0.1, 1.0, 3.0, 30.0, 1.0, 0.5, 1.0, 10.0)
+    assert rig.limits == Limits(settle_s=3.0), "the file says what the defaults are, but for the settling time"
 
 
 def test_every_limit_is_read_from_its_own_key(rig_file):
@@ -53,6 +53,7 @@ def test_every_limit_is_read_from_its_own_key(rig_file):
         "warn_pressure": 5.5,
         "trip_pressure": 6.0,
         "safe_pressure": 0.25,
+        "min_pressure": -0.75,
         "hold_tolerance": 0.2,
         "ramp": 0.75,
         "settle": 4.0,
@@ -61,6 +62,8 @@ def test_every_limit_is_read_from_its_own_key(rig_file):
         "stale_after": 1.25,
         "heartbeat": 0.9,
         "vent_timeout": 15.0,
+        "follow_within": 1.5,
+        "follow_timeout": 6.0,
     }
     path = rig_file()
     path.write_text(head + "[limits]\n" + "\n".join(f"{key} = {value}" for key, value in values.items()))
@@ -156,7 +159,9 @@ MISTAKES = [
     # keys together
     (MAX, 'max_pressure = "4.1 psi"', "limits.warn_pressure", "above limits.max_pressure"),
     ('trip_pressure = "4.3 psi"', 'trip_pressure = "28 kPa"', "limits.trip_pressure", "4.06106 psi must be"),
-    ('safe_pressure = "0.3 psi"', 'safe_pressure = "4 psi"', "limits.safe_pressure", "below limits.max"),
+    ('safe_pressure = "0.3 psi"', 'safe_pressure = "0.6 psi"', "limits.safe_pressure", "at most 0.5 psi"),
+    ('safe_pressure = "0.3 psi"', 'min_pressure = "0.1 psi"', "limits.min_pressure", "from -15 to 0 psi"),
+    ('timeout = "0.5 s"', 'timeout = "1.5 s"', "regulator.timeout", "at most 1 s"),
     ('settle_timeout = "30 s"', 'settle_timeout = "3 s"', "limits.settle_timeout", "above limits.settle"),
     ("channels = 32\nd", "channels = 16\nd", "valves.dump_channel", "above the board's valves.channels = 16"),
     ('port = "/dev/ttyUSB1"', 'port = "/dev/ttyUSB0"', "valves.port", "regulator.port"),
@@ -322,4 +327,5 @@ def test_no_value_anywhere_ends_in_another_error(rig_file, changes):
         assert "\n" not in str(problem)
     if rig is not None:
         limits = rig.config("rig.toml").limits
-        assert all(math.isfinite(value) and value >= 0 for value in vars(limits).values())
+        assert all(math.isfinite(value) for value in vars(limits).values())
+            assert all(value >= 0 for name, value in vars(limits).items() if name != "min_pressure_psi")

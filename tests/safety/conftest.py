@@ -35,6 +35,7 @@ class FakeRegulator:
         self.fall_psi = 4.0
         self.dead = False
         self.exhaust_works = True
+        self.flags: frozenset[str] = frozenset()
 
     def identify(self, timeout_s: float | None = None) -> Identity:
         return Identity("fake")
@@ -43,9 +44,8 @@ class FakeRegulator:
         self._answer("read pressure")
         if self.exhausting:
             self.pressure_psi = max(0.0, self.pressure_psi - self.fall_psi)
-        return PressureReading(
-            self.pressure_psi, self.setpoint_psi, frozenset({"EXH"}) if self.exhausting else frozenset()
-        )
+        status = self.flags | ({"EXH"} if self.exhausting else set())
+        return PressureReading(self.pressure_psi, self.setpoint_psi, status)
 
     def write_setpoint(self, setpoint_psi: float, timeout_s: float | None = None) -> PressureReading:
         self._answer(f"setpoint {setpoint_psi:g}")

@@ -1,7 +1,10 @@
 import threading
 
+import pytest
+
 from labctl.config.rig import Limits
 from labctl.errors import NoAnswer
+from labctl.readings import PressureReading
 from labctl.safety.safe_state import judge, make_safe
 
 LIMITS = Limits()
@@ -154,3 +157,52 @@ def test_a_setpoint_left_up_is_not_safe(regulator):
 
     assert not report.safe
     assert "setpoint reads 3.90 psi" in report.describe()
+
+
+@pytest.mark.parametrize(
+    ("pressure_psi", "flags", "words"),
+    [(-12.0, (), "cannot be true"), (0.0, ("ADC",), "reports ADC"), (0.0, ("POV", "OPL"), "reports OPL POV")],
+)
+def test_a_reading_that_cannot_be_trusted_is_not_safe(pressure_psi, flags, words):
+    reading = PressureReading(pressure_psi, 0.0, frozenset({"EXH", *flags}))
+
+    report = judge(reading, frozenset(), LIMITS, None)
+
+    assert not report.safe
+    assert words in report.describe()
+
+
+def test_a_pressure_that_comes_back_is_waited_for(regulator, valves, clock):
+    regulator.fall_psi = 0.0
+    pressures = iter([2.0, 0.1, 1.5, 1.0, *[0.1] * 50])
+    read = regulator.read
+
+    def breathing(timeout_s=None):
+        regulator.pressure_psi = next(pressures)
+        return read()
+
+    regulator.read = breathing
+
+    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+
+    assert report.safe
+    assert next(pressures) == 0.1
+    assert regulator.pressure_psi == 0.1
+
+
+def test_a_slow_instrument_does_not_stop_the_ticks(regulator, valves, clock):
+    gate = threading.Event()
+    ticks = []
+
+    def slow(timeout_s=None):
+        assert gate.wait(5)
+        return frozenset()
+
+    def tick():
+        ticks.append(1)
+        if len(ticks) == 3:
+            gate.set()
+
+    valves.read = slow
+
+    assert make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock, tick=tick).safe

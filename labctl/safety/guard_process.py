@@ -1,0 +1,125 @@
+"""The guard process: waits on a pipe, and takes the rig to SAFE when the program at its other end is gone.
+
+It acts before it speaks, and speaks without waiting: a terminal that is stopped, closed or absent keeps nothing from
+being vented. What it did also goes to the system log. A rig that does not read back SAFE is tried again for ten
+minutes; after the first report the guard lets go of the terminal, so that nobody waits for it.
+"""
+
+import os
+import select
+import signal
+import syslog
+from collections.abc import Callable
+from contextlib import suppress
+from typing import IO
+
+from labctl.clock import Clock, WallClock
+from labctl.safety.guard import ARMED, ENERGISED, SAFE, STAND_DOWN, GuardOrders
+from labctl.safety.reach import Reach, open_and_make_safe
+from labctl.safety.safe_state import SafeReport
+from labctl.telling import Teller
+
+HEARTBEAT_TIMEOUT_S = 2.0
+TRY_AGAIN_S = 600.0
+
+_FIRST_PATIENCE_S = 5.0
+_PAUSE_S = 2.0
+_SPEAK_S = 1.0
+
+
+def watch(pipe: IO[bytes], on_hang: Callable[[], None]) -> bool:
+    """Read the program's bytes until it stands the guard down or is gone.
+
+    Returns True when the rig must be taken to SAFE. `on_hang` is called when the program is energised and has
+    not beaten for `HEARTBEAT_TIMEOUT_S`.
+    """
+    energised = False
+    while True:
+        ready, _, _ = select.select([pipe], [], [], HEARTBEAT_TIMEOUT_S if energised else None)
+        if not ready:
+            on_hang()
+            return True
+        data = os.read(pipe.fileno(), 4096)
+        if not data:
+            return True
+        for byte in data:
+            order = bytes((byte,))
+            if order == STAND_DOWN:
+                return False
+            if order in (ENERGISED, SAFE):
+                energised = order == ENERGISED
+
+
+def take_to_safe(
+    reach: Reach, wall: Clock, say: Callable[[str], None], let_go: Callable[[], None]
+) -> SafeReport:
+    """Take the rig to SAFE; when it does not read back, let go of the terminal and try again for ten minutes."""
+    end_s = wall.now_s() + TRY_AGAIN_S
+    report = open_and_make_safe(reach, wall, patience_s=_FIRST_PATIENCE_S, say=say)
+    say(report.describe())
+    if not report.safe:
+        say(f"trying again for {TRY_AGAIN_S / 60:g} minutes; the system log tells how it ends")
+        let_go()
+    while not report.safe and wall.now_s() < end_s:
+        wall.sleep(_PAUSE_S)
+        report = open_and_make_safe(reach, wall, patience_s=0.0, say=lambda _: None)
+        if report.safe:
+            say(report.describe())
+    return report
+
+
+def main() -> int:
+    """The guard process."""
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    pipe = open(0, "rb", buffering=0)  # noqa: SIM115 - a descriptor, held for the whole life
+    orders = GuardOrders.from_json(_read_line(pipe))
+    teller = Teller(lambda text: _write_terminal(f"guard: {orders.reach.rig_name}: {text}\n"))
+
+    def say(text: str) -> None:
+        teller.tell(text)
+        with suppress(Exception):
+            syslog.syslog(syslog.LOG_ALERT, f"labctl guard: {orders.reach.rig_name}: {text}")
+
+    def end_parent() -> None:
+        if os.getppid() == orders.parent_pid:
+            with suppress(ProcessLookupError):
+                os.kill(orders.parent_pid, signal.SIGKILL)
+            say(f"process {orders.parent_pid} had hung with the rig energised and was ended")
+
+    def let_go() -> None:
+        teller.finish(_SPEAK_S)
+        with suppress(OSError):
+            null = os.open(os.devnull, os.O_RDWR)
+            os.dup2(null, 1)
+            os.dup2(null, 2)
+
+    # A program that gave up opening the rig no longer listens; its last byte on the pipe says what to do.
+    with suppress(OSError):
+        os.write(1, ARMED)
+    if not watch(pipe, end_parent):
+        return 0
+    report = take_to_safe(orders.reach, WallClock(), say, let_go)
+    teller.finish(_SPEAK_S)
+    return 0 if report.safe else 1
+
+
+def _write_terminal(text: str) -> None:
+    os.write(2, text.encode())
+
+
+def _read_line(pipe: IO[bytes]) -> str:
+    line = bytearray()
+    while not line.endswith(b"\n"):
+        byte = pipe.read(1)
+        if not byte:
+            # The program ended before it opened anything.
+            raise SystemExit(0)
+        line += byte
+    return line.decode()
+
+
+if __name__ == "__main__":
+    # Threads that are stuck in a stopped terminal must not keep the process.
+    code = main()
+    os._exit(code)

@@ -1,0 +1,92 @@
+"""To SAFE on instruments that are not open yet: each is opened and commanded at once, whatever the other does."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from labctl.clock import Clock, FastClock, WallClock
+from labctl.config.rig import Limits, RegulatorConfig, RigConfig, ValvesConfig
+from labctl.drivers.opening import open_regulator, open_valves
+from labctl.instruments import PressureRegulator, ValveBank
+from labctl.safety.safe_state import SafeReport, make_safe
+
+# A regulator's first exchange includes its layout, which takes about a second at 19200 baud.
+_STEP_TIMEOUT_S = 2.0
+_REOPEN_PAUSE_S = 0.02
+
+T = TypeVar("T", PressureRegulator, ValveBank)
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What must be known to take a rig to SAFE without its program: the instruments that matter, and the limits."""
+
+    rig_name: str
+    speed: float
+    regulator: RegulatorConfig
+    valves: ValvesConfig
+    limits: Limits
+
+    @classmethod
+    def of(cls, config: RigConfig) -> "Reach":
+        """What a rig's configuration says of it."""
+        return cls(config.name, config.speed, config.regulator, config.valves, config.limits)
+
+    def clock(self) -> Clock:
+        """The rig's clock."""
+        return WallClock() if self.speed == 1 else FastClock(self.speed)
+
+
+def open_and_make_safe(
+    reach: Reach, wall: Clock, *, patience_s: float, say: Callable[[str], None]
+) -> SafeReport:
+    """Open the regulator and the valves, take them to SAFE, read it back and close them again.
+
+    An instrument that cannot be opened is tried again for `patience_s`, because the ports of a program that has
+    just died take a moment to be free; `say` is told why it stayed away.
+    """
+    clock = reach.clock()
+
+    def command(regulator: PressureRegulator | None, valves: ValveBank | None, limits: Limits) -> SafeReport:
+        return make_safe(
+            regulator,
+            valves,
+            limits=limits,
+            dump_channel=reach.valves.dump_channel,
+            clock=clock,
+            step_timeout_s=_STEP_TIMEOUT_S,
+        )
+
+    def reach_regulator() -> PressureRegulator | None:
+        regulator = _open(lambda: open_regulator(reach.regulator, reach.limits, wall), wall, patience_s, say)
+        command(regulator, None, replace(reach.limits, vent_timeout_s=0.0))
+        return regulator
+
+    def reach_valves() -> ValveBank | None:
+        valves = _open(lambda: open_valves(reach.valves, wall), wall, patience_s, say)
+        command(None, valves, replace(reach.limits, vent_timeout_s=0.0))
+        return valves
+
+    with ThreadPoolExecutor(2, thread_name_prefix="reaching") as both:
+        reaching_regulator, reaching_valves = both.submit(reach_regulator), both.submit(reach_valves)
+        regulator, valves = reaching_regulator.result(), reaching_valves.result()
+    try:
+        return command(regulator, valves, reach.limits)
+    finally:
+        for part in (regulator, valves):
+            if part is not None:
+                part.close()
+
+
+def _open(opener: Callable[[], T], wall: Clock, patience_s: float, say: Callable[[str], None]) -> T | None:
+    end_s = wall.now_s() + patience_s
+    while True:
+        try:
+            return opener()
+        # Whatever keeps one instrument away, the other must still be reached.
+        except Exception as error:
+            if wall.now_s() >= end_s:
+                say(str(error))
+                return None
+            wall.sleep(_REOPEN_PAUSE_S)
