@@ -8,6 +8,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from labctl.config.design import Design
+from labctl.errors import BadInput
 from labctl.mocap.measured import MeasuredHeights
 from labctl.mocap.transfer import transfer_error
 from labctl.simulation import heights_over_strain
@@ -43,9 +44,17 @@ def fit_inflation(design: Design, pattern: str, measured: MeasuredHeights) -> tu
         BadInput: a point is not on the sheet, or the pattern is unknown.
         LabError: the simulation failed.
     """
-    simulated = CubicSpline(
-        _STRAINS, heights_over_strain(design, pattern, tuple(_STRAINS), measured.points_mm)
-    )
+    for pressure_psi, heights_mm in zip(measured.pressures_psi, measured.heights_mm, strict=True):
+        if np.ptp(heights_mm) == 0:
+            raise BadInput(
+                f"{measured.source}: at {pressure_psi:g} psi every point rose alike: no shape to compare; "
+                "leave that column out"
+            )
+    try:
+        rungs_mm = heights_over_strain(design, pattern, tuple(_STRAINS), measured.points_mm)
+    except BadInput as error:
+        raise BadInput(f"{measured.source}: {error}") from error
+    simulated = CubicSpline(_STRAINS, rungs_mm)
     return tuple(
         _fit(pressure_psi, heights_mm, simulated)
         for pressure_psi, heights_mm in zip(measured.pressures_psi, measured.heights_mm, strict=True)

@@ -29,6 +29,10 @@ class LinkDown(InstrumentError):
     """The port or socket is absent, was closed, or broke."""
 
 
+class LinkBusy(LinkDown):
+    """The port is in use by another program."""
+
+
 class NoAnswer(InstrumentError):
     """No complete reply came before the deadline."""
 

@@ -10,7 +10,7 @@ from labctl.config.design import Design
 from labctl.errors import BadInput, LabError
 from sim.equilibrium import equilibrium
 from sim.errors import SimError
-from sim.geometry import geometry
+from sim.geometry import column_at, geometry
 from sim.heights import material_points, resting_offset_m
 from sim.registration import register
 from sim.shape import Failure, Shape
@@ -56,6 +56,13 @@ def sheet_of(design: Design, pattern: str) -> Sheet:
     """
     jammed = design.jammed(pattern)
     fibers = [Fiber(fiber.face, _metres(fiber.start_mm), _metres(fiber.end_mm)) for fiber in design.fibers]
+    cut = geometry(design.sheet.geometry)
+    for fiber in design.fibers:
+        for key, end_mm in (("start", fiber.start_mm), ("end", fiber.end_mm)):
+            try:
+                column_at(cut, *_metres(end_mm))
+            except SimError as error:
+                raise BadInput(f"{design.source}: fibers[id {fiber.id}].{key}: {error}") from error
     try:
         return build_sheet(
             fibers, [fiber.id in jammed for fiber in design.fibers], geometry(design.sheet.geometry)

@@ -72,9 +72,9 @@ def column_at(geometry: Geometry, x_m: float, y_m: float) -> tuple[int, int]:
     on_grid = 0 <= i < GRID[0] and 0 <= j < GRID[1]
     if not (on_grid and columns(geometry)[i, j]):
         raise SimError(
-            f"the point ({x_m * 1e3:g}, {y_m * 1e3:g}) mm is not on the {geometry.name} sheet: "
-            f"its columns lie within {RADIUS_PITCHES * PITCH_M * 1e3:g} mm "
-            f"of ({CENTRE_M * 1e3:g}, {CENTRE_M * 1e3:g}) mm"
+            f"the point ({x_m * 1e3:g}, {y_m * 1e3:g}) mm is not in a column of the {geometry.name} sheet, whose "
+            f"columns' centres are less than {RADIUS_PITCHES * PITCH_M * 1e3:g} mm from ({CENTRE_M * 1e3:g}, "
+            f"{CENTRE_M * 1e3:g}) mm: move it inwards"
         )
     return i, j
 

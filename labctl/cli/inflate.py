@@ -1,11 +1,14 @@
 """`labctl inflate`: from a pattern's name to a measured shape and back to SAFE."""
 
-import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from labctl.cli.outcome import Outcome
 from labctl.cli.output import ProgressLine, banner, emit_json, number, table
 from labctl.cli.rigs import chosen_rig, design_option, json_option, rig_option
 
@@ -15,6 +18,7 @@ if TYPE_CHECKING:
 
     from labctl.config.rig import RigConfig
     from labctl.mocap.transfer import TransferError
+    from labctl.rig import Rig
     from protocols.inflate import Inflation
 
 
@@ -54,7 +58,7 @@ def inflate(pattern: str, pressure_text: str, design_name: str, rig_path: Path |
             simulated = simulate_pattern(design, pattern, design.sheet.strain_at(wanted_psi))
             simulated_mm = simulated.points_mm(points_mm)[:, 2]
             line.show("opening the rig")
-            with Rig(config, stop=stop, tell=line.note) as rig:
+            with _reporting(Rig(config, stop=stop, tell=line.note)) as rig:
                 result = run_inflate(
                     rig,
                     InflateOrder(channels, wanted_psi),
@@ -68,7 +72,16 @@ def inflate(pattern: str, pressure_text: str, design_name: str, rig_path: Path |
         emit_json(_for_machines(config, pattern, result, simulated_mm, error))
     else:
         _for_people(config, f"design {design.name}, pattern {pattern}", result, simulated_mm, error)
-    sys.stdout.flush()
+
+
+@contextmanager
+def _reporting(rig: "Rig") -> Iterator["Rig"]:
+    """The rig, and after it the state that was read back, for whatever is said last."""
+    try:
+        with rig:
+            yield rig
+    finally:
+        Outcome.current().report = rig.safe_report
 
 
 def _for_machines(
@@ -86,6 +99,7 @@ def _for_machines(
         "transfer_error_percent": round(error.percent, 3),
         "safe": result.safe.safe,
         "simulated_heights_mm": simulated_mm.round(3),
+        "points": error.points,
         "occluded_samples": result.inflated.occluded,
         "frames": result.inflated.frames,
         "pressure_range_psi": result.hold.extremes_psi,
@@ -122,5 +136,9 @@ def _for_people(
         ],
     )
     click.echo("")
+    heights = zip(config.markers.points, result.heights_mm, strict=True)
+    unmeasured = [str(point.id) for point, height_mm in heights if isnan(height_mm)]
+    if unmeasured:
+        click.echo(f"not measured, too rarely seen: markers {', '.join(unmeasured)}")
     click.echo(f"transfer error e_t {error.percent:.1f} % over {error.points} points")
     click.echo(result.safe.describe())

@@ -2,14 +2,19 @@
 
 import importlib
 import json
+import os
 import sys
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import click
 
 from labctl import __version__
+from labctl.cli.outcome import Outcome
+from labctl.cli.output import SIMULATED
 from labctl.errors import LabError
 
 # Name -> (module, attribute, one line of help): `labctl --help` must not import what the commands need.
@@ -56,41 +61,66 @@ def labctl() -> None:
 
 def run(arguments: Sequence[str]) -> int:
     """Run a command line and return its exit code: 0, 1 for a failure at run time, 2 for bad input."""
+    _open_missing_streams()
     as_json = "--json" in arguments
+    outcome = Outcome()
+
+    def fail(code: int, message: str) -> int:
+        with suppress(OSError):
+            _report(message, outcome, as_json)
+        return code
+
     try:
-        result: Any = labctl.main(args=list(arguments), prog_name="labctl", standalone_mode=False)
+        result: Any = labctl.main(
+            args=list(arguments), prog_name="labctl", standalone_mode=False, obj=outcome
+        )
+        sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except click.ClickException as error:
-        _report(error.format_message(), as_json)
-        if isinstance(error, click.UsageError) and error.ctx is not None and not as_json:
-            click.echo(f"Try '{error.ctx.command_path} --help'.", err=True)
-        return 2
+        hint = ""
+        if isinstance(error, click.UsageError) and error.ctx is not None:
+            hint = f". Try '{error.ctx.command_path} --help'"
+        return fail(2, error.format_message().rstrip(".") + hint)
     except click.Abort:
-        _report("stopped before anything was opened", as_json)
-        return 130
+        return fail(130, "stopped before anything was opened")
     except LabError as error:
-        _report(_with_cause(error), as_json)
-        return error.exit_code
-    except BrokenPipeError:
-        # Whoever read the output is gone; the rig was closed by its own `with` block.
-        sys.stderr.close()
-        return 1
+        return fail(error.exit_code, _with_cause(error))
+    except OSError as error:
+        # Whoever read the output is gone, or the disk is full; the rig was closed by its own `with` block.
+        _leave_streams()
+        return fail(1, f"the output could not be written ({error.strerror or error})")
     except Exception as error:
         traceback.print_exc()
-        _report(f"labctl itself failed ({error!r}); please report it with the lines above", as_json)
-        return 1
+        return fail(1, f"labctl itself failed ({error!r}); please report it with the lines above")
 
 
 def _with_cause(error: LabError) -> str:
     cause = error.__cause__
-    return (
-        f"{error} (after: {cause})"
-        if isinstance(cause, LabError) and str(cause) not in str(error)
-        else str(error)
-    )
+    if isinstance(cause, LabError) and str(cause) not in str(error):
+        return f"{error} (after: {cause})"
+    return str(error)
 
 
-def _report(message: str, as_json: bool) -> None:
+def _report(message: str, outcome: Outcome, as_json: bool) -> None:
     if as_json:
-        click.echo(json.dumps({"error": message}))
-    click.echo(f"labctl: {message}", err=True)
+        click.echo(json.dumps({"error": message, **outcome.for_machines()}))
+    lines = [f"labctl: {message}"]
+    if outcome.report is not None and outcome.report.describe() not in message:
+        lines.append(f"labctl: {outcome.report.describe()}")
+    if outcome.simulated:
+        lines.append(f"labctl: {SIMULATED}")
+    click.echo("\n".join(lines), err=True)
+
+
+def _open_missing_streams() -> None:
+    """A shell's `2>&-` leaves no stream at all; what would be written there goes nowhere."""
+    if sys.stdout is None:
+        sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - for the whole life of the process
+    if sys.stderr is None:
+        sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115 - likewise
+
+
+def _leave_streams() -> None:
+    """Keep the interpreter's last flush from failing on a stream that already has."""
+    with suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -7,11 +7,13 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
+from labctl.cli.outcome import Outcome
 from labctl.clock import WallClock
 from labctl.config.rig import RigConfig
 from labctl.errors import LabError
@@ -54,13 +56,18 @@ def chosen_rig(rig_path: Path | None, design_name: str, stop: StopRequest) -> It
     """The configuration to work with; doubles are running while inside when no file was named."""
     from labctl.config.load import load_rig
 
+    outcome = Outcome.current()
     if rig_path is not None:
-        yield load_rig(rig_path)
+        config = load_rig(rig_path)
+        outcome.simulated = config.simulated
+        yield config
         return
+    outcome.simulated = True
     with tempfile.TemporaryDirectory(prefix="labctl-doubles-") as folder:
         path = Path(folder) / "rig.toml"
         with _doubles_process(path, design_name, stop):
-            yield load_rig(path)
+            # The file is gone when a message that names it is read.
+            yield replace(load_rig(path), source="the doubles' own rig.toml")
 
 
 @contextmanager
@@ -72,7 +79,7 @@ def _doubles_process(rig_path: Path, design_name: str, stop: StopRequest) -> Ite
     """
     arguments = ["doubles", "serve", "--design", design_name, "--out", str(rig_path), "--json", "--lease"]
     process = subprocess.Popen(  # noqa: S603 - our own module, no shell
-        [sys.executable, "-m", "labctl", *arguments],
+        [sys.executable, "-P", "-m", "labctl", *arguments],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from labctl.cli.output import emit_json, table
 from labctl.cli.rigs import design_option, json_option
@@ -69,6 +70,11 @@ def simulate(
     from sim.warm import compile_kernels
 
     _check_choice(pattern, voxel_path, solver, strain, pressure_text)
+    context = click.get_current_context()
+    if voxel_path is not None and context.get_parameter_source("design_name") is not ParameterSource.DEFAULT:
+        raise click.UsageError("a voxel file needs no design: leave --design out")
+    if out_path is not None and voxel_path is not None and out_path.absolute() == voxel_path.absolute():
+        raise click.UsageError(f"--out {out_path} would overwrite the voxel file; name another")
     out_path = _checked_out(out_path)
     compile_kernels(lambda text: click.echo(f"labctl: {text}", err=True))
     try:
@@ -155,18 +161,23 @@ def _read_voxels(path: Path) -> "Sheet":
 
     import numpy as np
 
+    from labctl.errors import BadInput
+    from sim.errors import SimError
     from sim.sheet import Sheet
 
     try:
+        if not zipfile.is_zipfile(path):
+            raise BadInput(f"{path}: is not an .npz file; write one with numpy.savez")
         with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile) or "material" not in archive:
-                raise click.ClickException(
-                    f"{path}: no array `material` in it: int8 (28, 28, 3), as (i, j, k)"
-                )
+            if "material" not in archive:
+                raise BadInput(f"{path}: no array `material` in it: int8 (28, 28, 3), as (i, j, k)")
             material = archive["material"]
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise click.ClickException(f"{path}: cannot be read as .npz: {error}") from error
-    return Sheet(material)
+        raise BadInput(f"{path}: cannot be read as .npz: {error}") from error
+    try:
+        return Sheet(material)
+    except SimError as error:
+        raise BadInput(f"{path}: {error}") from error
 
 
 def _write(path: Path, sheet: "Sheet", positions_m: "NDArray[np.float64]", result: dict[str, Any]) -> None:
@@ -207,7 +218,12 @@ def _height_map(cut: "Geometry", rise_mm: "NDArray[np.float64]") -> None:
     marks_mm = np.arange(10.0, 140.0, _GRID_STEP_MM)
     index = [round(cut.to_index(mark / 1e3)) for mark in marks_mm]
     rows = [
-        (f"{y:g}", *(f"{at[i, j]:.1f}" if (i, j) in at else "." for i in index))
+        (f"{y:g}", *(_rounded(at[i, j]) if (i, j) in at else "." for i in index))
         for y, j in sorted(zip(marks_mm, index, strict=True), reverse=True)
     ]
     table(("y mm \\ x mm", *(f"{x:g}" for x in marks_mm)), rows)
+
+
+def _rounded(rise_mm: float) -> str:
+    # Adding 0 turns the minus zero of a rounded trifle into zero.
+    return f"{round(rise_mm, 1) + 0.0:.1f}"

@@ -7,6 +7,8 @@ import click
 from labctl.cli.output import banner, emit_json
 from labctl.cli.rigs import chosen_rig, json_option, rig_option
 
+_BUSY_S = 30.0
+
 
 @click.command()
 @rig_option
@@ -19,13 +21,16 @@ def vent(rig_path: Path | None, as_json: bool) -> int:
     """
     from labctl.cli.interrupts import stop_on_signals
     from labctl.clock import WallClock
+    from labctl.errors import LinkBusy
     from labctl.safety.reach import Reach, open_and_make_safe
 
     with stop_on_signals() as stop, chosen_rig(rig_path, "known", stop) as config:
         report = open_and_make_safe(
             Reach.of(config),
             WallClock(),
-            patience_s=0.0,
+            # The guard of a run that has just ended may still be venting.
+            patience_s=_BUSY_S,
+            patient_with=LinkBusy,
             say=lambda text: click.echo(f"labctl: {text}", err=True),
         )
     if as_json:

@@ -110,8 +110,12 @@ class Limits:
         Raises:
             BadInput: it is not a finite number above 0, or above `max_pressure_psi`.
         """
-        if not 0 < pressure_psi < float("inf"):
-            raise BadInput(f"pressure {pressure_psi:g} psi is not a finite gauge pressure above 0")
+        lowest_psi = self.safe_pressure_psi
+        if not lowest_psi < pressure_psi < float("inf"):
+            raise BadInput(
+                f"pressure {pressure_psi:g} psi is no inflation: it must be a finite gauge pressure above "
+                f"{lowest_psi:g} psi ({source}, limits.safe_pressure)"
+            )
         if pressure_psi > self.max_pressure_psi:
             raise BadInput(
                 f"pressure {pressure_psi:g} psi is above the rig's limit of {self.max_pressure_psi:g} psi "

@@ -107,7 +107,7 @@ class Text:
     """Text that a pattern matches in full; `allowed` says so in words."""
 
     allowed: str = "text that is not empty, on one line"
-    pattern: str = r"\S(?:[^\x00-\x1f\x7f]*\S)?"
+    pattern: str = r"(?!\s)[^\x00-\x1f\x7f-\x9f]+(?<!\s)"
 
     def __call__(self, value: object, /) -> str:
         """The text."""

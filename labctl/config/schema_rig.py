@@ -31,6 +31,11 @@ HIGHEST_SAFE_PSI = 0.5
 # What a marker feed holds at 960 Hz.
 LONGEST_CAPTURE_S = 60.0
 LONGEST_STALE_S = 2.0
+# The supervisor looks every 50 ms, and an exchange takes some.
+SHORTEST_WATCH_S = 0.2
+LOWEST_FREQUENCY_HZ = 10.0
+# Above this a regulator's reply is taken for a transmission error.
+HIGHEST_PSI = 20.0
 LONGEST_HEARTBEAT_S = 1.0
 
 Name = Annotated[str, PlainValidator(Text())]
@@ -43,12 +48,12 @@ DeviceId = Annotated[int, PlainValidator(Whole(1, 247))]
 Timeout = Annotated[float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_TIMEOUT_S, above_low=True)))]
 Exchange = Annotated[float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_EXCHANGE_S, above_low=True)))]
 OnSheet = Annotated[float, PlainValidator(Quantity(LENGTH, Range(0, SHEET_SQUARE_MM)))]
-Pressure = Annotated[float, PlainValidator(Quantity(PRESSURE, Range(0, above_low=True)))]
+Pressure = Annotated[float, PlainValidator(Quantity(PRESSURE, Range(0, HIGHEST_PSI, above_low=True)))]
 Rate = Annotated[float, PlainValidator(Quantity(PRESSURE_RATE, Range(0, above_low=True)))]
 Wait = Annotated[float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_S)))]
 Duration = Annotated[float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_S, above_low=True)))]
 
-Capture = Annotated[float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_CAPTURE_S, above_low=True)))]
+Capture = Annotated[float, PlainValidator(Quantity(DURATION, Range(SHORTEST_WATCH_S, LONGEST_CAPTURE_S)))]
 
 
 def _ordered(value: float, info: ValidationInfo, before: str, unit: str) -> float:
@@ -153,7 +158,9 @@ class MarkersSection(Section):
     driver: Annotated[Literal["phasespace"], PlainValidator(OneOf(("phasespace",)))]
     host: Host | None = None
     server_number: Annotated[int, PlainValidator(Whole(0, 65535 - 8000))] = 0
-    frequency_hz: Annotated[float, PlainValidator(Quantity(FREQUENCY, Range(0, 960, above_low=True)))] = 240.0
+    frequency_hz: Annotated[float, PlainValidator(Quantity(FREQUENCY, Range(LOWEST_FREQUENCY_HZ, 960)))] = (
+        240.0
+    )
     up: Annotated[Axis, PlainValidator(OneOf(("+x", "-x", "+y", "-y", "+z", "-z")))]
     length_unit: Annotated[float, PlainValidator(Quantity(LENGTH, Range(0, above_low=True)))] = 1.0
     timeout: Timeout = 0.5
@@ -192,12 +199,14 @@ class LimitsSection(Section):
     settle_timeout: Duration = Limits.settle_timeout_s
     capture: Capture = Limits.capture_s
     stale_after: Annotated[
-        float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_STALE_S, above_low=True)))
+        float, PlainValidator(Quantity(DURATION, Range(SHORTEST_WATCH_S, LONGEST_STALE_S)))
     ] = Limits.stale_after_s
     heartbeat: Annotated[
-        float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_HEARTBEAT_S, above_low=True)))
+        float, PlainValidator(Quantity(DURATION, Range(SHORTEST_WATCH_S, LONGEST_HEARTBEAT_S)))
     ] = Limits.heartbeat_s
-    vent_timeout: Duration = Limits.vent_timeout_s
+    vent_timeout: Annotated[float, PlainValidator(Quantity(DURATION, Range(1.0, LONGEST_S)))] = (
+        Limits.vent_timeout_s
+    )
     follow_within: Pressure = Limits.follow_within_psi
     follow_timeout: Duration = Limits.follow_timeout_s
 

@@ -254,12 +254,19 @@ class AlicatAscii:
     def _bound(self, deadline: Deadline) -> FrameLayout:
         if self._layout is None:
             try:
-                lines = self._ask_lines("??D*", deadline)
+                lines = self._ask_layout(deadline)
                 self._layout = parse_layout(self.name, lines, self._unit_id, self._unit)
             except GarbledReply:
                 self._link.mark_suspect()
                 raise
         return self._layout
+
+    def _ask_layout(self, deadline: Deadline) -> list[str]:
+        try:
+            return self._ask_lines("??D*", deadline)
+        except InstrumentRefused:
+            # Half a line that another program left in the device is refused together with the first request.
+            return self._ask_lines("??D*", deadline)
 
     def _ask_line(self, command: str, deadline: Deadline) -> str:
         reply = self._link.exchange_line(request_line(self._unit_id, command), deadline)

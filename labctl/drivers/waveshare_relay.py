@@ -1,13 +1,15 @@
 """Waveshare Modbus RTU Relay, also on Modbus TCP (docs/reference/hardware.md: 8, 16 and 32 channels)."""
 
 from collections.abc import Collection
+from contextlib import suppress
 
-from labctl.errors import BadInput, GarbledReply, ReadBackMismatch
+from labctl.errors import BadInput, GarbledReply, InstrumentRefused, ReadBackMismatch
 from labctl.links.deadline import Deadline
 from labctl.links.interfaces import RegisterLink
 from labctl.readings import Identity
 
 MODELS = (8, 16, 32)
+ALL_COILS = 0x00FF
 ADDRESS_REGISTER = 0x4000
 VERSION_REGISTER = 0x8000
 
@@ -80,6 +82,8 @@ class WaveshareRelay:
         if unknown:
             raise BadInput(f"{self.name}: no channel {unknown}; the board has channels 1 to {self.channels}")
         deadline = self._deadline(timeout_s)
+        if not wanted:
+            self._all_off(deadline)
         values = [_channel(coil) in wanted for coil in range(self.channels)]
         self._link.write_coils(0, values, self._device_id, deadline)
         found = self._read(deadline)
@@ -93,6 +97,14 @@ class WaveshareRelay:
     def close(self) -> None:
         """Give the link back; may be called twice. The relays stay as they are."""
         self._link.close()
+
+    def _all_off(self, deadline: Deadline) -> None:
+        """Switch off every relay of the board, also those that the configuration does not count.
+
+        The coil for all is write-only, so this proves nothing; boards that do not know it refuse it.
+        """
+        with suppress(InstrumentRefused):
+            self._link.write_coil(ALL_COILS, False, self._device_id, deadline)
 
     def _read(self, deadline: Deadline) -> frozenset[int]:
         coils = self._link.read_coils(0, self.channels, self._device_id, deadline)

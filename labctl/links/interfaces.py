@@ -71,6 +71,10 @@ class RegisterLink(Protocol):
         """Function 01."""
         ...
 
+    def write_coil(self, address: int, value: bool, device_id: int, deadline: Deadline) -> None:
+        """Function 05."""
+        ...
+
     def write_coils(self, address: int, values: Sequence[bool], device_id: int, deadline: Deadline) -> None:
         """Function 0F."""
         ...

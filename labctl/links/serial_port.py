@@ -8,10 +8,13 @@ import termios
 import serial
 
 from labctl.clock import Clock
-from labctl.errors import GarbledReply, LinkDown, NoAnswer
+from labctl.errors import GarbledReply, LinkBusy, LinkDown, NoAnswer
 from labctl.links.deadline import Deadline
 
 CHUNK_BYTES = 4096
+
+
+_IN_USE = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY)
 
 
 class SerialPort:
@@ -30,7 +33,8 @@ class SerialPort:
         try:
             self._serial = serial.Serial(port, baudrate, timeout=0, exclusive=True)
         except (OSError, termios.error, ValueError) as error:
-            raise LinkDown(f"{self.name}: {_why_not_open(error, port, baudrate)}") from error
+            kind = LinkBusy if _errno(error) in _IN_USE else LinkDown
+            raise kind(f"{self.name}: {_why_not_open(error, port, baudrate)}") from error
 
     def write(self, data: bytes, deadline: Deadline) -> None:
         """Write all of `data`.
@@ -129,12 +133,17 @@ class SerialPort:
         )
 
 
+def _errno(error: Exception) -> int | None:
+    number: int | None = getattr(error, "errno", None)
+    return number
+
+
 def _why_not_open(error: Exception, port: str, baudrate: int) -> str:
-    number = getattr(error, "errno", None)
+    number = _errno(error)
     if number == errno.ENOENT:
         return "there is no such port; plug the adapter in, or correct the port in the rig's configuration"
     if number == errno.EACCES:
         return f"no permission to open the port; join the group that owns {port} (often dialout)"
-    if number in (errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY):
+    if number in _IN_USE:
         return "the port is in use by another program; end that program first"
     return f"the port cannot be opened at {baudrate} baud ({error}); check the port and the baud rate"

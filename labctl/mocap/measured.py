@@ -17,13 +17,19 @@ from numpy.typing import NDArray
 from labctl.errors import BadInput
 
 _HEIGHT_COLUMN = re.compile(r"z_mm_at_(\d+(?:\.\d+)?)_psi")
+_KNOWN_COLUMN = re.compile(r"point|[xy]_(?:cm|mm)|z_mm_at_\d+(?:\.\d+)?_psi")
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 _MM = {"mm": 1.0, "cm": 10.0}
+_SURPLUS = "(more cells than the head)"
+# No sheet here is larger.
+_LARGEST_MM = 1000.0
 
 
 @dataclass(frozen=True)
 class MeasuredHeights:
     """Heights above the uninflated sheet: `points_mm` (m, 2), `pressures_psi` (p,), `heights_mm` (p, m)."""
 
+    source: str
     points_mm: NDArray[np.float64]
     pressures_psi: tuple[float, ...]
     heights_mm: NDArray[np.float64]
@@ -47,10 +53,14 @@ def read_measured(path: Path, points: int) -> MeasuredHeights:
     cells = _numbers(path, rows, [x_column, y_column, *pressures])
     zero = next(name for name, pressure in pressures.items() if pressure == 0.0)
     inflated = sorted((name for name in pressures if name != zero), key=pressures.__getitem__)
+    points_mm = np.column_stack(
+        [cells[column] * _MM[column.rpartition("_")[2]] for column in (x_column, y_column)]
+    )
+    if len(np.unique(points_mm, axis=0)) < points:
+        raise BadInput(f"{path}: two points stand at the same place; correct {x_column} and {y_column}")
     return MeasuredHeights(
-        points_mm=np.column_stack(
-            [cells[column] * _MM[column.rpartition("_")[2]] for column in (x_column, y_column)]
-        ),
+        source=str(path),
+        points_mm=points_mm,
         pressures_psi=tuple(pressures[name] for name in inflated),
         heights_mm=np.array([cells[name] - cells[zero] for name in inflated]),
     )
@@ -59,13 +69,26 @@ def read_measured(path: Path, points: int) -> MeasuredHeights:
 def _read_rows(path: Path) -> tuple[list[str], list[dict[str, str | None]]]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file, restkey="(more cells than the head)", strict=True)
+            reader = csv.DictReader(file, restkey=_SURPLUS, strict=True)
             rows = [dict(row) for row in reader]
             head = list(reader.fieldnames or ())
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise BadInput(f"{path}: cannot be read as CSV: {error}") from error
     if "point" not in head:
         raise BadInput(f"{path}: no column 'point'; the head is {', '.join(head) or 'empty'}")
+    twice = sorted({name for name in head if head.count(name) > 1})
+    unknown = [name for name in head if not _KNOWN_COLUMN.fullmatch(name)]
+    if twice or unknown:
+        complaints = [f"column {name!r} is there more than once" for name in twice]
+        complaints += [f"column {name!r} is none that is known" for name in unknown]
+        raise BadInput(
+            f"{path}: {'; '.join(complaints)}: use point, x_cm, y_cm (or x_mm, y_mm) and z_mm_at_P_psi, once each"
+        )
+    uneven = [
+        str(number) for number, row in enumerate(rows, start=2) if _SURPLUS in row or None in row.values()
+    ]
+    if uneven:
+        raise BadInput(f"{path}: line {', '.join(uneven)}: not as many cells as the head has columns")
     return head, rows
 
 
@@ -101,14 +124,11 @@ def _numbers(
     for row in rows:
         for column in columns:
             text = (row.get(column) or "").strip()
-            try:
-                value = float(text)
-            except ValueError:
-                value = math.nan
-            if not math.isfinite(value):
+            value = float(text) if _NUMBER.fullmatch(text) else math.nan
+            if not abs(value) <= _LARGEST_MM:
                 complaints.append(f"point {row['point']}, {column}: {text!r}")
             values[column].append(value)
     if complaints:
-        raise BadInput(f"{path}: not a finite number: {'; '.join(complaints)}")
+        raise BadInput(f"{path}: not a number within {_LARGEST_MM:g} of 0: {'; '.join(complaints)}")
     order = np.argsort([int(row["point"] or 0) for row in rows])
     return {column: np.array(cells)[order] for column, cells in values.items()}

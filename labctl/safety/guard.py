@@ -49,6 +49,7 @@ class GuardOrders:
             Reach(
                 rig_name=reach["rig_name"],
                 speed=reach["speed"],
+                simulated=reach["simulated"],
                 regulator=RegulatorConfig(**reach["regulator"]),
                 valves=ValvesConfig(**reach["valves"]),
                 limits=Limits(**reach["limits"]),
@@ -61,9 +62,10 @@ class Guard:
     """The guard of one rig: started before anything is energised, told to stand down after SAFE."""
 
     def __init__(self, config: RigConfig) -> None:
-        # A session of its own: neither the terminal's Ctrl-C nor its hang-up may reach the guard.
+        # A session of its own: neither the terminal's Ctrl-C nor its hang-up may reach the guard. -P: nor may a
+        # file in the current folder take the place of a module.
         self._process: subprocess.Popen[bytes] = subprocess.Popen(
-            [sys.executable, "-m", "labctl.safety.guard_process"],
+            [sys.executable, "-P", "-m", "labctl.safety.guard_process"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 from labctl.clock import Clock, FastClock, WallClock
@@ -24,6 +25,7 @@ class Reach:
 
     rig_name: str
     speed: float
+    simulated: bool
     regulator: RegulatorConfig
     valves: ValvesConfig
     limits: Limits
@@ -31,7 +33,9 @@ class Reach:
     @classmethod
     def of(cls, config: RigConfig) -> "Reach":
         """What a rig's configuration says of it."""
-        return cls(config.name, config.speed, config.regulator, config.valves, config.limits)
+        return cls(
+            config.name, config.speed, config.simulated, config.regulator, config.valves, config.limits
+        )
 
     def clock(self) -> Clock:
         """The rig's clock."""
@@ -39,12 +43,18 @@ class Reach:
 
 
 def open_and_make_safe(
-    reach: Reach, wall: Clock, *, patience_s: float, say: Callable[[str], None]
+    reach: Reach,
+    wall: Clock,
+    *,
+    patience_s: float,
+    patient_with: type[Exception] = Exception,
+    say: Callable[[str], None],
 ) -> SafeReport:
     """Open the regulator and the valves, take them to SAFE, read it back and close them again.
 
-    An instrument that cannot be opened is tried again for `patience_s`, because the ports of a program that has
-    just died take a moment to be free; `say` is told why it stayed away.
+    An instrument whose opening fails with `patient_with` is tried again for `patience_s`: the ports of a program
+    that has just died take a moment to be free, and a guard that is venting gives them back. `say` is told why one
+    stayed away.
     """
     clock = reach.clock()
 
@@ -59,12 +69,14 @@ def open_and_make_safe(
         )
 
     def reach_regulator() -> PressureRegulator | None:
-        regulator = _open(lambda: open_regulator(reach.regulator, reach.limits, wall), wall, patience_s, say)
+        regulator = _open(
+            lambda: open_regulator(reach.regulator, reach.limits, wall), wall, patience_s, patient_with, say
+        )
         command(regulator, None, replace(reach.limits, vent_timeout_s=0.0))
         return regulator
 
     def reach_valves() -> ValveBank | None:
-        valves = _open(lambda: open_valves(reach.valves, wall), wall, patience_s, say)
+        valves = _open(partial(open_valves, reach.valves, wall), wall, patience_s, patient_with, say)
         command(None, valves, replace(reach.limits, vent_timeout_s=0.0))
         return valves
 
@@ -79,14 +91,20 @@ def open_and_make_safe(
                 part.close()
 
 
-def _open(opener: Callable[[], T], wall: Clock, patience_s: float, say: Callable[[str], None]) -> T | None:
+def _open(
+    opener: Callable[[], T],
+    wall: Clock,
+    patience_s: float,
+    patient_with: type[Exception],
+    say: Callable[[str], None],
+) -> T | None:
     end_s = wall.now_s() + patience_s
     while True:
         try:
             return opener()
         # Whatever keeps one instrument away, the other must still be reached.
         except Exception as error:
-            if wall.now_s() >= end_s:
+            if wall.now_s() >= end_s or not isinstance(error, patient_with):
                 say(str(error))
                 return None
             wall.sleep(_REOPEN_PAUSE_S)

@@ -47,7 +47,7 @@ class SafeReport:
     def describe(self) -> str:
         """One line for people, beginning with SAFE or UNSAFE."""
         if not self.safe:
-            return "UNSAFE: " + "; ".join(self.problems)
+            return f"UNSAFE: {'; '.join(self.problems)}. Close the supply, vent by hand, then run labctl vent"
         return (
             f"SAFE, as read back: setpoint {self.setpoint_psi:.2f} psi, {self.vented_by} open, "
             f"pressure {self.pressure_psi:.2f} psi, every valve off"

@@ -26,9 +26,22 @@ def test_write_sets_all_channels_and_reads_them_back(registers):
     assert board.write([1, 16, 32]) == {1, 16, 32}
 
 
-def test_all_off(registers):
+def test_all_off_reaches_relays_beyond_the_configured_ones_too(registers):
     board = relays(
         registers(
+            ("01 05 00 FF 00 00", "01 05 00 FF 00 00"),
+            ("01 0F 00 00 00 08 01 00", "01 0F 00 00 00 08"),
+            ("01 01 00 00 00 08", "01 01 01 00"),
+        ),
+        channels=8,
+    )
+    assert board.write(()) == frozenset()
+
+
+def test_a_board_that_does_not_know_the_coil_for_all_is_switched_off_all_the_same(registers):
+    board = relays(
+        registers(
+            ("01 05 00 FF 00 00", "01 85 02"),
             ("01 0F 00 00 00 08 01 00", "01 0F 00 00 00 08"),
             ("01 01 00 00 00 08", "01 01 01 00"),
         ),

@@ -15,7 +15,6 @@ from labctl.safety.reach import Reach, open_and_make_safe
 
 RIG = """
 name = "bench"
-simulated = true
 [regulator]
 driver = "alicat-ascii"
 model = "PCD"

@@ -1,0 +1,33 @@
+"""What is known of the rig while a command runs, so that a failure can tell it too."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from labctl.safety.safe_state import SafeReport
+
+
+@dataclass
+class Outcome:
+    """Filled in while a command runs: whether its rig is simulated, and what was last read back from it."""
+
+    simulated: bool | None = None
+    report: "SafeReport | None" = None
+
+    @classmethod
+    def current(cls) -> "Outcome":
+        """The running command's."""
+        outcome = click.get_current_context().find_object(cls)
+        return cls() if outcome is None else outcome
+
+    def for_machines(self) -> Mapping[str, Any]:
+        """What a failed command's JSON says beside its error."""
+        told: dict[str, Any] = {}
+        if self.simulated is not None:
+            told["simulated"] = self.simulated
+        if self.report is not None:
+            told["safe"] = self.report.safe
+        return told
