@@ -1,8 +1,7 @@
 """To SAFE on instruments that are not open yet: each is opened and commanded at once, whatever the other does."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
@@ -10,7 +9,7 @@ from labctl.clock import Clock, FastClock, WallClock
 from labctl.config.rig import Limits, RegulatorConfig, RigConfig, ValvesConfig
 from labctl.drivers.opening import open_regulator, open_valves
 from labctl.instruments import PressureRegulator, ValveBank
-from labctl.safety.safe_state import SafeReport, make_safe
+from labctl.safety.safe_state import SafeReport, reach_and_make_safe
 
 # A regulator's first exchange includes its layout, which takes about a second at 19200 baud.
 _STEP_TIMEOUT_S = 2.0
@@ -56,39 +55,26 @@ def open_and_make_safe(
     that has just died take a moment to be free, and a guard that is venting gives them back. `say` is told why one
     stayed away.
     """
-    clock = reach.clock()
+    opened: list[PressureRegulator | ValveBank] = []
 
-    def command(regulator: PressureRegulator | None, valves: ValveBank | None, limits: Limits) -> SafeReport:
-        return make_safe(
-            regulator,
-            valves,
-            limits=limits,
+    def reach_one(opener: Callable[[], T]) -> T | None:
+        part = _open(opener, wall, patience_s, patient_with, say)
+        if part is not None:
+            opened.append(part)
+        return part
+
+    try:
+        return reach_and_make_safe(
+            lambda: reach_one(partial(open_regulator, reach.regulator, reach.limits, wall)),
+            lambda: reach_one(partial(open_valves, reach.valves, wall)),
+            limits=reach.limits,
             dump_channel=reach.valves.dump_channel,
-            clock=clock,
+            clock=reach.clock(),
             step_timeout_s=_STEP_TIMEOUT_S,
         )
-
-    def reach_regulator() -> PressureRegulator | None:
-        regulator = _open(
-            lambda: open_regulator(reach.regulator, reach.limits, wall), wall, patience_s, patient_with, say
-        )
-        command(regulator, None, replace(reach.limits, vent_timeout_s=0.0))
-        return regulator
-
-    def reach_valves() -> ValveBank | None:
-        valves = _open(partial(open_valves, reach.valves, wall), wall, patience_s, patient_with, say)
-        command(None, valves, replace(reach.limits, vent_timeout_s=0.0))
-        return valves
-
-    with ThreadPoolExecutor(2, thread_name_prefix="reaching") as both:
-        reaching_regulator, reaching_valves = both.submit(reach_regulator), both.submit(reach_valves)
-        regulator, valves = reaching_regulator.result(), reaching_valves.result()
-    try:
-        return command(regulator, valves, reach.limits)
     finally:
-        for part in (regulator, valves):
-            if part is not None:
-                part.close()
+        for part in opened:
+            part.close()
 
 
 def _open(

@@ -55,8 +55,23 @@ class SafeReport:
 
 
 def make_safe(
-    regulator: PressureRegulator | None,
-    valves: ValveBank | None,
+    regulator: PressureRegulator,
+    valves: ValveBank,
+    *,
+    limits: Limits,
+    dump_channel: int | None,
+    clock: Clock,
+    tick: Callable[[], None] = lambda: None,
+) -> SafeReport:
+    """Command SAFE on open instruments and read it back; see `reach_and_make_safe`."""
+    return reach_and_make_safe(
+        lambda: regulator, lambda: valves, limits=limits, dump_channel=dump_channel, clock=clock, tick=tick
+    )
+
+
+def reach_and_make_safe(
+    reach_regulator: Callable[[], PressureRegulator | None],
+    reach_valves: Callable[[], ValveBank | None],
     *,
     limits: Limits,
     dump_channel: int | None,
@@ -66,9 +81,9 @@ def make_safe(
 ) -> SafeReport:
     """Command SAFE and read it back, within `limits.vent_timeout_s` plus the instruments' own deadlines.
 
-    Regulator and valves are commanded at once, so that neither waits for the other's silence; the regulator's
-    setpoint goes to 0 before its exhaust opens, which a setpoint that is still up could undo. Every step is
-    tried whether or not the one before it worked. An instrument that is None could not be opened and makes the
+    Regulator and valves are reached and commanded at once, so that neither waits for the other's silence; the
+    regulator's setpoint goes to 0 before its exhaust opens, which a setpoint that is still up could undo. Every
+    step is tried whether or not the one before it worked. An instrument that cannot be reached (None) makes the
     rig UNSAFE. `tick` is called throughout, so that a caller can show that it is alive; `step_timeout_s` bounds
     each exchange, by the driver's own when None.
     """
@@ -76,6 +91,7 @@ def make_safe(
     valve_side = _Side(step_timeout_s)
 
     def vent() -> PressureReading | None:
+        regulator = reach_regulator()
         if regulator is None:
             return None
         regulator_side.attempt("setpoint 0", lambda timeout_s: regulator.write_setpoint(0.0, timeout_s))
@@ -86,6 +102,7 @@ def make_safe(
         )
 
     def switch_off() -> frozenset[int] | None:
+        valves = reach_valves()
         if valves is None:
             return None
         valve_side.attempt("valves off", lambda timeout_s: valves.write((), timeout_s))

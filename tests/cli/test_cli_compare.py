@@ -72,3 +72,31 @@ def test_tells_people_one_row_a_pressure(published, capsys):
     lines = capsys.readouterr().out.splitlines()
     head = next(row for row, line in enumerate(lines) if "best strain" in line)
     assert [line.split()[0] for line in lines[head + 1 : head + 5]] == ["2", "2.5", "3", "3.5"]
+
+
+HEAD = "point,x_mm,y_mm,z_mm_at_0_psi,z_mm_at_3_psi"
+ROWS = ("1,35,70,0,1", "2,70,70,0,2", "3,105,70,0,4")
+
+
+@pytest.mark.parametrize(
+    ("head", "rows", "words"),
+    [
+        (HEAD.replace("_3_psi", "_0_psi"), ROWS, "'z_mm_at_0_psi' is there more than once"),
+        (HEAD.replace("_3_psi", "_3psi"), ROWS, "'z_mm_at_3psi' is none that is known"),
+        (HEAD, (*ROWS[:2], "3,105,70,0,4,5"), "line 4: not as many cells"),
+        (HEAD, (*ROWS[:2], "3,105,70,0"), "line 4: not as many cells"),
+        (HEAD, (*ROWS[:2], "3,70,70,0,4"), "two points stand at the same place"),
+        (HEAD, (*ROWS[:2], "3,105,70,0,1e308"), "point 3, z_mm_at_3_psi: '1e308'"),
+        (HEAD, (*ROWS[:2], "3,105,70,0,1_0"), "point 3, z_mm_at_3_psi: '1_0'"),
+        (HEAD, (*ROWS[:2], "3,990,70,0,4"), "(990, 70) mm"),
+        (HEAD, ("1,35,70,0,1", "2,70,70,0,1", "3,105,70,0,1"), "at 3 psi every point rose alike"),
+    ],
+)
+def test_a_table_that_cannot_be_trusted_is_refused_with_its_file(tmp_path, capsys, head, rows, words):
+    path = tmp_path / "measured.csv"
+    path.write_text("\n".join([head, *rows, ""]))
+
+    assert run(["compare", "--pattern", "cylinder", "--measured", str(path), "--points", "3"]) == 2
+    message = capsys.readouterr().err
+    assert words in message
+    assert str(path) in message

@@ -185,7 +185,7 @@ def test_a_rig_that_was_left_energised_is_taken_to_safe_before_anything_else(lab
         )[1]
         with Path(port).open("r+b", buffering=0) as line:
             line.write(b"AS2.00\r")
-            wait_until(lambda: served.last()["pressure_psi"] > 1.5, 10)
+            wait_until(lambda: any(row["pressure_psi"] > 1.5 for row in served.rows()), 10)
 
         done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig)
 
@@ -219,7 +219,6 @@ def test_an_exhaust_that_does_not_open_is_reported_unsafe(labctl, doubles_with):
     [
         ("valves=stuck-coil:3", "valve bank"),
         ("regulator=stuck-setpoint", "setpoint"),
-        ("regulator=ignored-setpoint", "setpoint"),
         ("valves=silent@3psi", "valves could not be read"),
         ("regulator=low-sensor@1psi", "cannot be true"),
         ("markers=silent@3psi", "marker"),
@@ -260,3 +259,44 @@ def test_other_rigs_inflate_too(labctl, doubles_with, options):
         assert json.loads(done.out)["safe"] is True
         assert not served.last()["coils"]
         assert served.last()["pressure_psi"] < 0.3
+
+
+def test_a_stopped_run_tells_the_state_that_was_read_back(start, served):
+    running = start("inflate", "--pattern", "sphere", "--rig", served.rig, "--json")
+    wait_until(lambda: served.last()["pressure_psi"] > 0.5, 30)
+    running.signal()
+    ended = running.end()
+    running.read_rest()
+
+    assert ended.code == 130
+    result = json.loads(ended.out)
+    assert result["simulated"] is True
+    assert result["safe"] is True
+    assert "stopped by Ctrl-C" in result["error"]
+    assert "SAFE, as read back" in running.err
+
+
+@pytest.mark.parametrize("redirection", ["2>&-", ">&-", ">/dev/full", "2>/dev/full"])
+def test_closed_and_full_streams_end_in_safe_without_a_traceback(served, redirection):
+    inflate = f"{sys.executable} -m labctl inflate --pattern cylinder --pressure 1psi --rig {served.rig}"
+    done = subprocess.run(
+        ["sh", "-c", f"{inflate} {redirection}"], capture_output=True, text=True, timeout=60
+    )
+
+    assert "Traceback" not in done.stdout + done.stderr
+    assert done.returncode == (1 if redirection == ">/dev/full" else 0)
+    assert is_safe(served.last())
+
+
+def test_a_file_in_the_current_folder_takes_no_modules_place(served, tmp_path):
+    for name in ("serial", "numpy", "json"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('not this one')")
+    labctl = Path(sys.executable).with_name("labctl")
+    done = subprocess.run(
+        [labctl, "inflate", "--pattern", "cylinder", "--pressure", "1 psi", "--rig", served.rig],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr

@@ -65,3 +65,17 @@ def test_a_voxel_file_that_is_no_sheet_is_refused(tmp_path, capsys, material, wo
 
     assert run(["simulate", "--voxels", str(path), "--json"]) == 2
     assert words in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_an_array_file_is_not_taken_for_an_archive(tmp_path, capsys):
+    path = tmp_path / "voxels.npy"
+    np.save(path, np.ones((28, 28, 3), np.int8))
+
+    assert run(["simulate", "--voxels", str(path)]) == 2
+    assert "not an .npz file" in capsys.readouterr().err
+
+
+def test_the_voxel_file_is_never_overwritten(golden, capsys):
+    path = str(golden / "flat.npz")
+    assert run(["simulate", "--voxels", path, "--out", path]) == 2
+    assert "would overwrite" in capsys.readouterr().err

@@ -5,7 +5,7 @@ import pytest
 from labctl.config.rig import Limits
 from labctl.errors import NoAnswer
 from labctl.readings import PressureReading
-from labctl.safety.safe_state import judge, make_safe
+from labctl.safety.safe_state import judge, make_safe, reach_and_make_safe
 
 LIMITS = Limits()
 
@@ -91,7 +91,7 @@ def test_a_dead_valve_bank_does_not_keep_the_pressure_up(regulator, valves, cloc
 
 
 def test_instruments_that_could_not_be_opened_are_unsafe(clock):
-    report = make_safe(None, None, limits=LIMITS, dump_channel=None, clock=clock)
+    report = reach_and_make_safe(lambda: None, lambda: None, limits=LIMITS, dump_channel=None, clock=clock)
 
     assert not report.safe
 

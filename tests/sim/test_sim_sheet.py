@@ -47,8 +47,8 @@ def test_a_voxel_under_any_jammed_fiber_is_jammed_whatever_the_order():
     "fibers, jammed, message",
     [
         ([ALONG_X], [], "1 fibers but 0 jammed flags"),
-        ([Fiber("top", (0.0, 0.0), (0.07, 0.07))], [True], "not on the published sheet"),
-        ([Fiber("top", (0.07, 0.07), (0.2, 0.07))], [False], "not on the published sheet"),
+        ([Fiber("top", (0.0, 0.0), (0.07, 0.07))], [True], "not in a column of the published sheet"),
+        ([Fiber("top", (0.07, 0.07), (0.2, 0.07))], [False], "not in a column of the published sheet"),
         ([Fiber("left", (0.07, 0.07), (0.07, 0.02))], [False], "face 'left'"),
     ],
 )
