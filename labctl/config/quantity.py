@@ -66,42 +66,6 @@ def pressure_psi(text: str) -> float:
     return _not_negative(text, PRESSURE)
 
 
-def length_mm(text: str) -> float:
-    """A length of at least 0 in mm, from "35 mm", "3.5 cm" or "35".
-
-    Raises:
-        BadInput: not a length, not finite, or negative.
-    """
-    return _not_negative(text, LENGTH)
-
-
-def duration_s(text: str) -> float:
-    """A duration of at least 0 in s, from "30 s", "2 min" or "30".
-
-    Raises:
-        BadInput: not a duration, not finite, or negative.
-    """
-    return _not_negative(text, DURATION)
-
-
-def frequency_hz(text: str) -> float:
-    """A frequency of at least 0 in Hz, from "240 Hz", "1 kHz" or "240".
-
-    Raises:
-        BadInput: not a frequency, not finite, or negative.
-    """
-    return _not_negative(text, FREQUENCY)
-
-
-def pressure_rate_psi_per_s(text: str) -> float:
-    """A rate of pressure of at least 0 in psi/s, from "1 psi/s", "6.9 kPa/s" or "1".
-
-    Raises:
-        BadInput: not a rate of pressure, not finite, or negative.
-    """
-    return _not_negative(text, PRESSURE_RATE)
-
-
 def _not_negative(text: str, kind: Kind) -> float:
     try:
         number = to_unit(text, kind)

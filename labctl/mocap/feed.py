@@ -15,7 +15,7 @@ from labctl.readings import MarkerFrame
 CAPACITY = 1 << 16
 READ_TIMEOUT_S = 0.5
 JOIN_TIMEOUT_S = 5.0
-_LOOK_S = 0.005
+_PAUSE_S = 0.005
 
 
 class MarkerFeed:
@@ -75,33 +75,6 @@ class MarkerFeed:
         """
         return [frame for _, frame in self._arrivals_since(mark)]
 
-    def capture(self, duration_s: float, timeout_s: float) -> list[MarkerFrame]:
-        """Collect frames that arrive from now on, for `duration_s` of the clock from the first of them.
-
-        Complete when a frame arrives at or after the end, so that a stream which stalls does not pass for a
-        whole window.
-
-        Raises:
-            NoAnswer: the window was not complete after `timeout_s` of the clock.
-            InstrumentError: the stream has ended.
-            ValueError: `timeout_s` is not above `duration_s`.
-        """
-        if not timeout_s > duration_s:
-            raise ValueError(
-                f"capture of {duration_s} s cannot be complete within a time-out of {timeout_s} s"
-            )
-        start, end_s = self.mark(), self._clock.now_s() + timeout_s
-        while self._clock.now_s() < end_s:
-            if self._span_s(start) >= duration_s:
-                arrivals = self._arrivals_since(start)
-                last_s = arrivals[0][0] + duration_s
-                return [frame for arrived_s, frame in arrivals if arrived_s <= last_s]
-            self._clock.sleep(_LOOK_S)
-        raise NoAnswer(
-            f"{self._source.name}: asked for {duration_s:g} s of marker frames, and "
-            f"{self.mark() - start} came within {timeout_s:g} s, then no more; check the marker server"
-        )
-
     def last_frame_age_s(self) -> float:
         """Seconds since the newest frame arrived; infinite before the first."""
         with self._lock:
@@ -130,7 +103,7 @@ class MarkerFeed:
             except (NoAnswer, GarbledReply) as error:
                 self._count(error)
                 # A source may refuse at once, without waiting for its time-out.
-                self._clock.sleep(_LOOK_S)
+                self._clock.sleep(_PAUSE_S)
             except Exception as error:  # whatever ends this thread must be seen by those who wait for frames
                 self._failure = error
                 return

@@ -53,11 +53,6 @@ def transfer_error(measured_mm: ArrayLike, simulated_mm: ArrayLike) -> TransferE
     return TransferError(float(per_point[compared].mean()), per_point, points)
 
 
-def transfer_error_percent(measured_mm: ArrayLike, simulated_mm: ArrayLike) -> float:
-    """The transfer error in percent of heights (m,) in mm; see `transfer_error`."""
-    return transfer_error(measured_mm, simulated_mm).percent
-
-
 def _normalised(side: str, heights_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     greatest_mm = float(np.abs(heights_mm).max())
     if not greatest_mm > FLAT_MM:

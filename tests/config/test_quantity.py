@@ -8,13 +8,12 @@ from hypothesis import strategies as st
 
 from labctl.config import quantity
 from labctl.config.quantity import (
+    DURATION,
+    FREQUENCY,
     LENGTH,
     PRESSURE,
-    duration_s,
-    frequency_hz,
-    length_mm,
+    PRESSURE_RATE,
     pressure_psi,
-    pressure_rate_psi_per_s,
     to_unit,
 )
 from labctl.errors import BadInput
@@ -40,13 +39,13 @@ def test_pressures(text, psi):
 
 
 def test_other_kinds():
-    assert length_mm("3.5 cm") == pytest.approx(35)
-    assert length_mm("1 in") == pytest.approx(25.4)
-    assert duration_s("2 min") == pytest.approx(120)
-    assert duration_s("500 ms") == pytest.approx(0.5)
-    assert frequency_hz("1 kHz") == pytest.approx(1000)
-    assert pressure_rate_psi_per_s("60 psi/min") == pytest.approx(1)
-    assert pressure_rate_psi_per_s("10 kPa/s") == pytest.approx(10 * PSI_PER_KPA)
+    assert to_unit("3.5 cm", LENGTH) == pytest.approx(35)
+    assert to_unit("1 in", LENGTH) == pytest.approx(25.4)
+    assert to_unit("2 min", DURATION) == pytest.approx(120)
+    assert to_unit("500 ms", DURATION) == pytest.approx(0.5)
+    assert to_unit("1 kHz", FREQUENCY) == pytest.approx(1000)
+    assert to_unit("60 psi/min", PRESSURE_RATE) == pytest.approx(1)
+    assert to_unit("10 kPa/s", PRESSURE_RATE) == pytest.approx(10 * PSI_PER_KPA)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from hypothesis.extra import numpy as hnp
 
 from labctl.errors import InstrumentError
 from labctl.mocap.errors import TooFewPoints
-from labctl.mocap.transfer import transfer_error, transfer_error_percent
+from labctl.mocap.transfer import transfer_error
 
 
 def test_equation_2_by_hand():
@@ -15,11 +15,11 @@ def test_equation_2_by_hand():
     np.testing.assert_allclose(error.per_point, [20, 50, 25, 0])
     assert error.percent == pytest.approx(95 / 4)
     assert error.points == 4
-    assert transfer_error_percent([20.0, 10.0, -5.0, 0.0], [8.0, 10.0, 0.0, 0.0]) == error.percent
+    assert transfer_error([20.0, 10.0, -5.0, 0.0], [8.0, 10.0, 0.0, 0.0]).percent == error.percent
 
 
 def test_the_greatest_difference_may_be_downward():
-    assert transfer_error_percent([-10.0, 5.0, 0.0], [-20.0, 0.0, 0.0]) == pytest.approx(50 / 3)
+    assert transfer_error([-10.0, 5.0, 0.0], [-20.0, 0.0, 0.0]).percent == pytest.approx(50 / 3)
 
 
 def test_points_missing_on_one_side_count_on_neither():
@@ -32,9 +32,9 @@ def test_points_missing_on_one_side_count_on_neither():
 
 def test_a_shape_is_not_its_mirror_image():
     shape = np.array([0.0, 5.0, 20.0, 8.0])
-    assert transfer_error_percent(shape, shape) == 0
-    assert transfer_error_percent(shape, shape[::-1]) > 20
-    assert transfer_error_percent(shape, -shape) > 80
+    assert transfer_error(shape, shape).percent == 0
+    assert transfer_error(shape, shape[::-1]).percent > 20
+    assert transfer_error(shape, -shape).percent > 80
 
 
 def test_too_few_points_are_refused():
@@ -61,7 +61,7 @@ heights = hnp.arrays(np.float64, 5, elements=st.floats(-50, 50))
 def test_size_is_left_out_and_the_sides_may_change_places(measured, simulated, scale):
     if min(np.abs(measured).max(), np.abs(simulated).max()) < 1e-3:
         return
-    percent = transfer_error_percent(measured, simulated)
+    percent = transfer_error(measured, simulated).percent
     assert 0 <= percent <= 200
-    assert transfer_error_percent(scale * measured, simulated) == pytest.approx(percent, abs=1e-6)
-    assert transfer_error_percent(simulated, measured) == pytest.approx(percent, abs=1e-9)
+    assert transfer_error(scale * measured, simulated).percent == pytest.approx(percent, abs=1e-6)
+    assert transfer_error(simulated, measured).percent == pytest.approx(percent, abs=1e-9)
