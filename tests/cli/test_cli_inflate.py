@@ -42,7 +42,8 @@ def test_tells_people_the_pressure_the_heights_the_error_and_safe(labctl, served
     lines = done.out.splitlines()
     assert lines[0].startswith("SIMULATED RIG")
     assert "channels 1, 2, 3 on" in lines[1]
-    assert any(line.startswith("held 3.9") for line in lines)
+    held = next(line.split() for line in lines if line.startswith("held "))
+    assert float(held[1]) == pytest.approx(3.9, abs=0.1)
     first = next(row for row, line in enumerate(lines) if line.split()[:1] == ["marker"])
     rows = [line.split() for line in lines[first + 1 : first + 17]]
     assert [int(row[0]) for row in rows] == list(range(16))
