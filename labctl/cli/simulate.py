@@ -1,5 +1,6 @@
 """`labctl simulate`: the shape of a pattern of a design, or of any map of materials."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,66 +61,88 @@ def simulate(
     At rest, positions are registered rigidly onto the undeformed sheet; the published protocol's are as they
     come. They are in metres in the voxel frame, voxels in the order k, j, i.
     """
-    from labctl.simulation import describe_failure, sheet_of
+    from labctl.errors import BadInput
+    from labctl.simulation import describe_failure
     from sim.dynamic import dynamic
     from sim.equilibrium import equilibrium
     from sim.errors import SimError
-    from sim.geometry import PUBLISHED, geometry
     from sim.registration import register
     from sim.shape import Failure
     from sim.warm import compile_kernels
 
     _check_choice(pattern, voxel_path, solver, strain, pressure_text)
-    context = click.get_current_context()
-    if voxel_path is not None and context.get_parameter_source("design_name") is not ParameterSource.DEFAULT:
-        raise click.UsageError("a voxel file needs no design: leave --design out")
-    if out_path is not None and voxel_path is not None and out_path.absolute() == voxel_path.absolute():
-        raise click.UsageError(f"--out {out_path} would overwrite the voxel file; name another")
-    out_path = _checked_out(out_path)
+    out_path = _checked_out(out_path, voxel_path)
     compile_kernels(lambda text: click.echo(f"labctl: {text}", err=True))
+    if voxel_path is not None:
+        subject = _voxel_subject(voxel_path, strain)
+    else:
+        subject = _pattern_subject(design_name, str(pattern), strain, pressure_text)
     try:
-        if voxel_path is not None:
-            sheet, cut, name = _read_voxels(voxel_path), PUBLISHED, str(voxel_path)
-            held_strain = _strain(strain)
-        else:
-            from labctl.config.load import load_design
-            from labctl.config.quantity import pressure_psi
-
-            design = load_design(design_name)
-            sheet, cut = sheet_of(design, str(pattern)), geometry(design.sheet.geometry)
-            name = f"design {design.name}, pattern {pattern}"
-            held_strain = (
-                _strain(strain)
-                if pressure_text is None
-                else design.sheet.strain_at(pressure_psi(pressure_text))
-            )
-        shape = dynamic(sheet) if solver == "dynamic" else equilibrium(sheet, held_strain)
+        shape = dynamic(subject.sheet) if solver == "dynamic" else equilibrium(subject.sheet, subject.strain)
     except SimError as error:
-        raise click.ClickException(str(error)) from error
+        raise BadInput(f"{subject.name}: {error}") from error
     if isinstance(shape, Failure):
-        raise click.ClickException(f"{name} has no shape: {describe_failure(shape)}")
-    positions_m = shape.positions_m if solver == "dynamic" else register(sheet, shape)
+        raise BadInput(f"{subject.name} has no shape: {describe_failure(shape)}")
+    positions_m = shape.positions_m if solver == "dynamic" else register(subject.sheet, shape)
     result = {
         "solver": solver,
-        "strain": held_strain if solver == "equilibrium" else None,
+        "strain": subject.strain if solver == "equilibrium" else None,
         "steps": shape.steps,
         "voxels": len(positions_m),
     }
     if out_path is not None:
-        _write(out_path, sheet, positions_m, result)
-    rise_mm = _top_rise_mm(sheet, positions_m)
+        _write(out_path, subject.sheet, positions_m, result)
+    rise_mm = _top_rise_mm(subject.sheet, positions_m)
     result |= {"lowest_mm": float(rise_mm[:, 2].min()), "highest_mm": float(rise_mm[:, 2].max())}
     if as_json:
-        emit_json(result | {"of": name, "out": None if out_path is None else str(out_path)})
-        return
-    click.echo(f"{name}: {solver}, {shape.steps} steps, {len(positions_m)} voxels")
-    if solver == "equilibrium":
-        click.echo(f"held at linear strain {held_strain:.5f}")
-    click.echo(
-        f"top face from {result['lowest_mm']:.2f} to {result['highest_mm']:.2f} mm above its place at rest"
-    )
+        emit_json(result | {"of": subject.name, "out": None if out_path is None else str(out_path)})
+    else:
+        _for_people(subject, result, rise_mm, out_path)
+
+
+@dataclass(frozen=True)
+class _Subject:
+    """What is simulated: a sheet, its cut, what it is called, and the strain that it is held at."""
+
+    sheet: "Sheet"
+    cut: "Geometry"
+    name: str
+    strain: float
+
+
+def _voxel_subject(voxel_path: Path, strain: float | None) -> _Subject:
+    from sim.geometry import PUBLISHED
+
+    context = click.get_current_context()
+    if context.get_parameter_source("design_name") is not ParameterSource.DEFAULT:
+        raise click.UsageError("a voxel file needs no design: leave --design out")
+    return _Subject(_read_voxels(voxel_path), PUBLISHED, str(voxel_path), _strain(strain))
+
+
+def _pattern_subject(
+    design_name: str, pattern: str, strain: float | None, pressure_text: str | None
+) -> _Subject:
+    from labctl.config.load import load_design
+    from labctl.config.quantity import pressure_psi
+    from labctl.simulation import sheet_of
+    from sim.geometry import geometry
+
+    design = load_design(design_name)
+    held = _strain(strain) if pressure_text is None else design.sheet.strain_at(pressure_psi(pressure_text))
+    name = f"design {design.name}, pattern {pattern}"
+    return _Subject(sheet_of(design, pattern), geometry(design.sheet.geometry), name, held)
+
+
+def _for_people(
+    subject: _Subject, result: dict[str, Any], rise_mm: "NDArray[np.float64]", out_path: Path | None
+) -> None:
+    click.echo(f"{subject.name}: {result['solver']}, {result['steps']} steps, {result['voxels']} voxels")
+    if result["strain"] is not None:
+        click.echo(f"held at linear strain {result['strain']:.5f}")
+    lowest, highest = _rounded(result["lowest_mm"], 2), _rounded(result["highest_mm"], 2)
+    click.echo(f"top face from {lowest} to {highest} mm above its place at rest")
     click.echo("")
-    _height_map(cut, rise_mm)
+    _height_map(subject.cut, rise_mm)
     if out_path is not None:
         click.echo(f"\nwritten: {out_path}")
 
@@ -146,9 +169,11 @@ def _strain(strain: float | None) -> float:
     return DEFAULT_STRAIN if strain is None else strain
 
 
-def _checked_out(out_path: Path | None) -> Path | None:
+def _checked_out(out_path: Path | None, voxel_path: Path | None) -> Path | None:
     if out_path is None:
         return None
+    if voxel_path is not None and out_path.absolute() == voxel_path.absolute():
+        raise click.UsageError(f"--out {out_path} would overwrite the voxel file; name another")
     if out_path.suffix != ".npz":
         raise click.UsageError(f"--out {out_path}: the format is .npz; name a file that ends in it")
     if not out_path.parent.is_dir():
@@ -218,12 +243,12 @@ def _height_map(cut: "Geometry", rise_mm: "NDArray[np.float64]") -> None:
     marks_mm = np.arange(10.0, 140.0, _GRID_STEP_MM)
     index = [round(cut.to_index(mark / 1e3)) for mark in marks_mm]
     rows = [
-        (f"{y:g}", *(_rounded(at[i, j]) if (i, j) in at else "." for i in index))
+        (f"{y:g}", *(_rounded(at[i, j], 1) if (i, j) in at else "." for i in index))
         for y, j in sorted(zip(marks_mm, index, strict=True), reverse=True)
     ]
     table(("y mm \\ x mm", *(f"{x:g}" for x in marks_mm)), rows)
 
 
-def _rounded(rise_mm: float) -> str:
+def _rounded(rise_mm: float, decimals: int) -> str:
     # Adding 0 turns the minus zero of a rounded trifle into zero.
-    return f"{round(rise_mm, 1) + 0.0:.1f}"
+    return f"{round(rise_mm, decimals) + 0.0:.{decimals}f}"

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import termios
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -134,49 +135,39 @@ def test_termination_and_a_closed_terminal_end_in_safe(start, served, number):
     assert is_safe(served.last())
 
 
-def test_a_stopped_terminal_does_not_keep_the_pressure_up(doubles_with):
-    with doubles_with() as served:
-        master, slave = pty.openpty()
-        process = subprocess.Popen(
-            [sys.executable, "-m", "labctl", "inflate", "--pattern", "sphere", "--rig", served.rig],
-            stdin=slave,
-            stdout=subprocess.DEVNULL,
-            stderr=slave,
-            start_new_session=True,
-        )
-        os.close(slave)
-        shown = b""
-        while b"settling" not in shown:
-            shown += os.read(master, 4096)
-        termios.tcflow(master, termios.TCOOFF)
+@contextmanager
+def inflating_on_a_stopped_terminal(served, step):
+    """An inflate whose terminal was stopped, as by Ctrl-S, when it had shown `step`."""
+    master, slave = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "labctl", "inflate", "--pattern", "sphere", "--rig", served.rig],
+        stdin=slave,
+        stdout=subprocess.DEVNULL,
+        stderr=slave,
+        start_new_session=True,
+    )
+    os.close(slave)
+    shown = b""
+    while step not in shown:
+        shown += os.read(master, 4096)
+    termios.tcflow(master, termios.TCOOFF)
+    yield process
+    termios.tcflow(master, termios.TCOON)
+    os.close(master)
 
+
+def test_a_stopped_terminal_does_not_keep_the_pressure_up(doubles_with):
+    with doubles_with() as served, inflating_on_a_stopped_terminal(served, b"settling") as process:
         process.send_signal(signal.SIGKILL)
         process.wait()
 
         wait_until(lambda: is_safe(served.last()), 6)
-        termios.tcflow(master, termios.TCOON)
-        os.close(master)
 
 
 def test_a_run_on_a_stopped_terminal_comes_to_its_end(doubles_with):
-    with doubles_with() as served:
-        master, slave = pty.openpty()
-        process = subprocess.Popen(
-            [sys.executable, "-m", "labctl", "inflate", "--pattern", "sphere", "--rig", served.rig],
-            stdin=slave,
-            stdout=subprocess.DEVNULL,
-            stderr=slave,
-            start_new_session=True,
-        )
-        os.close(slave)
-        shown = b""
-        while b"ramping" not in shown:
-            shown += os.read(master, 4096)
-        termios.tcflow(master, termios.TCOOFF)
-
+    with doubles_with() as served, inflating_on_a_stopped_terminal(served, b"ramping") as process:
         assert process.wait(40) == 0
         assert is_safe(served.last())
-        os.close(master)
 
 
 def test_a_rig_that_was_left_energised_is_taken_to_safe_before_anything_else(labctl, doubles_with):
