@@ -40,6 +40,7 @@ class Rig:
 
     Raises:
         RigUnavailable: an instrument is absent, silent or not what it should be; nothing was energised.
+        Unsafe: it was found energised and SAFE could not be read back; the guard process goes on trying.
     """
 
     def __init__(self, config: RigConfig, *, stop: StopRequest, tell: Callable[[str], None]) -> None:
@@ -60,6 +61,10 @@ class Rig:
             except BaseException:
                 self._instruments.close(tell)
                 raise
+        except Unsafe:
+            # Found energised, and not to be brought to SAFE from here: the guard goes on trying.
+            self._guard.release()
+            raise
         except BaseException:
             self._guard.stand_down()
             raise

@@ -120,6 +120,8 @@ class Guard:
     def release(self) -> None:
         """End the program's part without standing down: the guard takes the rig to SAFE itself."""
         self._close()
+        # It outlives this object on purpose: without a return code Popen would complain of a forgotten child.
+        self._process.returncode = 0
 
     def _pipe(self) -> int:
         stdin = self._process.stdin

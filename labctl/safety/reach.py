@@ -1,6 +1,7 @@
 """To SAFE on instruments that are not open yet: each is opened and commanded at once, whatever the other does."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
@@ -74,7 +75,9 @@ def open_and_make_safe(
         )
     finally:
         for part in opened:
-            part.close()
+            # A port that breaks on closing must not end a guard that would try again.
+            with suppress(Exception):
+                part.close()
 
 
 def _open(

@@ -13,7 +13,7 @@ from labctl.doubles.markers import DEFAULT_POINTS
 from labctl.doubles.serve import Doubles
 from labctl.doubles.settings import DoublesSettings
 from labctl.doubles.sheet import Ladder
-from labctl.errors import InstrumentError, RigUnavailable, Stopped, Tripped
+from labctl.errors import InstrumentError, RigUnavailable, Stopped, Tripped, Unsafe
 from labctl.rig import Rig
 from labctl.stop import StopRequest
 
@@ -223,3 +223,20 @@ def test_a_rig_in_use_is_refused_and_left_alone(serve):
             open_rig(config)
         rig.wait(1.0)
         assert doubles.plant.state().coils == {4}
+
+
+def test_a_rig_found_energised_that_stays_unsafe_is_left_to_the_guard(serve):
+    doubles, config = serve()
+    doubles.plant.write_setpoint(2.0)
+    doubles.inject(parse_faults(["regulator=stuck-setpoint"]))
+    with pytest.raises(Unsafe, match="was found energised"):
+        open_rig(config)
+    assert doubles.plant.state().setpoint_psi == 2.0
+
+    doubles.inject(Faults())
+
+    end_s = time.monotonic() + 10
+    while doubles.plant.state().setpoint_psi != 0:
+        assert time.monotonic() < end_s, "the guard did not try"
+        time.sleep(0.05)
+    assert_plant_is_safe(doubles)
