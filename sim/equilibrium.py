@@ -11,14 +11,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.divergence import MAX_MOVE_M, diverged
-from sim.errors import SimError
 from sim.geometry import PITCH_M
-from sim.kernel import kernel
-from sim.law import Lattice, Links, pull_voxels, quaternion_at, vector_at
-from sim.links import build_links, rest_lattice
-from sim.quaternion import rotate, turn
-from sim.registration import register
+from sim.kernel import ONE, TWO, ZERO, Precision, inlined, kernel, real_of
+from sim.lattice import MAX_MOVE, Lattice, plane
+from sim.law import Constants, constants, plus
+from sim.layout import (
+    CELLS,
+    EQUILIBRIUM_SIZE,
+    LAST_LOADS,
+    MOVE,
+    PLANE,
+    SOFTNESS,
+    SPIN,
+    SUMS,
+    TURN,
+    VELOCITY,
+    VOXEL,
+    Planes,
+)
+from sim.pull import load_on, pull, put_vector, quaternion_at, vector_at
+from sim.quaternion import turned
+from sim.resting import moved, residual
 from sim.shape import Failure, Shape
 from sim.sheet import Sheet
 from sim.strain import MAX_STRAIN, check_strain
@@ -30,28 +43,35 @@ MASS_PER_STIFFNESS = 0.67
 INERTIA_PER_STIFFNESS = 0.5
 # Of the critical damping of the motion in progress: it is stiffer than the slowest motion, which counts.
 DAMPING_SHARE = 0.5
+MAX_DAMPING = 1.9
 # Slow enough for the regimes of the links to follow the path that a real inflation takes.
 MAX_STRAIN_PER_SWEEP = 0.0018
 SWEEPS_PER_CHECK = 50
 MAX_SWEEPS = 10_000
 # At rest: both the force left on a voxel, as a share of what one pitch of displacement would take, and the
-# move since the last check, mean over the voxels, are small.
+# move since the last check, root mean square over the voxels, are small.
 RESIDUAL_SHARE = 3e-6
 RESTING_MOVE_M = 1e-5
 
+_MOVING, _AT_REST, _FAULTY = range(3)
+_LANES = 16
+
 
 class Relaxation(NamedTuple):
-    """The fictitious motion over voxels: velocities (m, rad per sweep), loads, stiffness, rest positions."""
+    """The fictitious motion's numbers, in the precision of a run."""
 
-    velocity: NDArray[np.float64]
-    spin: NDArray[np.float64]
-    force_n: NDArray[np.float64]
-    moment_nm: NDArray[np.float64]
-    stiffness_n_m: NDArray[np.float64]
-    rest_m: NDArray[np.float64]
+    mass: float
+    inertia: float
+    push: float
+    spin_push: float
+    damping: float
+    max_damping: float
+    max_move_squared: float
 
 
-def equilibrium(sheet: Sheet, strain: float, start: Shape | None = None) -> Shape | Failure:
+def equilibrium(
+    sheet: Sheet, strain: float, start: Shape | None = None, precision: Precision = "float32"
+) -> Shape | Failure:
     """The sheet's shape at rest with its expanding layer held at a linear strain.
 
     Starts from the uninflated sheet, or from `start`, a shape of a sheet with the same voxels, whose links
@@ -62,143 +82,122 @@ def equilibrium(sheet: Sheet, strain: float, start: Shape | None = None) -> Shap
             not finite.
     """
     check_strain(strain)
-    links = build_links(sheet)
-    lattice = rest_lattice(sheet, links)
-    relaxation = _relaxation(links, lattice)
+    lattice = Lattice(sheet, EQUILIBRIUM_SIZE, precision)
+    real = real_of(precision)
+    stiffness = lattice.stiffness()
+    plane(lattice.planes, VOXEL)[:] = stiffness
+    plane(lattice.planes, SOFTNESS)[lattice.cells] = 1 / stiffness[lattice.cells]
     from_strain = 0.0
     if start is not None:
-        _take_up(lattice, start)
+        check_strain(start.strain, lowest=-MAX_STRAIN)
+        lattice.take_up(start)
         from_strain = start.strain
-    ramp_sweeps = math.ceil(abs(strain - from_strain) / MAX_STRAIN_PER_SWEEP)
-    previous_m = register(sheet, _shape(lattice, 0, from_strain))
-    for sweep in range(0, MAX_SWEEPS, SWEEPS_PER_CHECK):
-        done = np.arange(sweep + 1, sweep + 1 + SWEEPS_PER_CHECK) / max(1, ramp_sweeps)
-        strains = from_strain + (strain - from_strain) * np.minimum(1.0, done)
-        voxel = relax(links, lattice, relaxation, strains)
-        if voxel >= 0:
-            return diverged(sheet, voxel, f"within sweeps {sweep} to {sweep + SWEEPS_PER_CHECK}")
-        shape = _shape(lattice, sweep + SWEEPS_PER_CHECK, strain)
-        registered_m = register(sheet, shape)
-        move_m = float(np.linalg.norm(registered_m - previous_m, axis=1).mean())
-        previous_m = registered_m
-        residual = _residual_share(lattice, relaxation)
-        if shape.steps >= ramp_sweeps and move_m <= RESTING_MOVE_M and residual <= RESIDUAL_SHARE:
-            return shape
+    ramp_sweeps = max(1, math.ceil(abs(strain - from_strain) / MAX_STRAIN_PER_SWEEP))
+    ramp = np.linspace(from_strain, strain, ramp_sweeps + 1)[1:].astype(real)
+    numbers = (
+        MASS_PER_STIFFNESS,
+        INERTIA_PER_STIFFNESS,
+        1 / MASS_PER_STIFFNESS,
+        1 / INERTIA_PER_STIFFNESS,
+        DAMPING_SHARE * 2,
+        MAX_DAMPING,
+        MAX_MOVE**2,
+    )
+    sweeps, state, move, share = settle(
+        lattice.planes, constants(precision), Relaxation(*map(real, numbers)), ramp, MAX_SWEEPS
+    )
+    if state == _FAULTY:
+        return lattice.failure(f"at sweep {sweeps}")
+    if state == _AT_REST:
+        return lattice.shape(sweeps, strain)
     return Failure(
-        f"the sheet did not come to rest: after {MAX_SWEEPS} sweeps it still moves {move_m * 1e3:.2g} mm in "
-        f"{SWEEPS_PER_CHECK} sweeps (limit {RESTING_MOVE_M * 1e3:g} mm), residual {residual:.2g} "
+        f"the sheet did not come to rest: after {sweeps} sweeps it still moves {move * PITCH_M * 1e3:.2g} mm in "
+        f"{SWEEPS_PER_CHECK} sweeps (limit {RESTING_MOVE_M * 1e3:g} mm), residual {share:.2g} "
         f"(limit {RESIDUAL_SHARE:g})",
         None,
-        f"sweep {MAX_SWEEPS}",
+        f"at sweep {sweeps}",
     )
 
 
-def _relaxation(links: Links, lattice: Lattice) -> Relaxation:
-    voxels = len(lattice.position_m)
-    shear_n_m = links.elastic[:, 1]
-    stiffness_n_m = np.zeros(voxels)
-    np.add.at(stiffness_n_m, links.negative, shear_n_m)
-    np.add.at(stiffness_n_m, links.positive, shear_n_m)
-    velocity, spin, force_n, moment_nm = np.zeros((4, voxels, 3))
-    return Relaxation(velocity, spin, force_n, moment_nm, stiffness_n_m, lattice.position_m.copy())
+@kernel
+def settle(
+    planes: Planes, law: Constants, relaxation: Relaxation, ramp: NDArray[np.floating], max_sweeps: int
+) -> tuple[int, int, float, float]:
+    """Sweep until at rest; returns the sweeps, how it ended, the last move in pitches and the residual.
 
-
-def _take_up(lattice: Lattice, start: Shape) -> None:
-    """Set the lattice to a shape that was computed before."""
-    voxels, link_count = len(lattice.position_m), lattice.large.size
-    if len(start.positions_m) != voxels or start.large.size != link_count:
-        raise SimError(
-            f"the start shape has {len(start.positions_m)} voxels and {start.large.size} links, the sheet "
-            f"{voxels} and {link_count}: start from a shape of the same geometry, or from none"
-        )
-    if not (np.isfinite(start.positions_m).all() and np.isfinite(start.orientations).all()):
-        raise SimError("the start shape has positions or orientations that are not finite: start from none")
-    check_strain(start.strain, lowest=-MAX_STRAIN)
-    lattice.position_m[:] = start.positions_m
-    lattice.orientation[:] = start.orientations
-    lattice.large[:] = start.large
-
-
-def _shape(lattice: Lattice, sweeps: int, strain: float) -> Shape:
-    return Shape(lattice.position_m.copy(), sweeps, strain, lattice.orientation.copy(), lattice.large.copy())
-
-
-def _residual_share(lattice: Lattice, relaxation: Relaxation) -> float:
-    """Root mean square over the voxels of residual force / (own stiffness times pitch).
-
-    Without the part that only accelerates the sheet as a rigid body (inertia relief): the links' moments do
-    not balance exactly, so that part never vanishes, and it bends nothing.
+    `ramp` are the strains of the first sweeps; the last of them is held.
     """
-    mass = MASS_PER_STIFFNESS * relaxation.stiffness_n_m[:, None]
-    inertia = INERTIA_PER_STIFFNESS * PITCH_M**2 * relaxation.stiffness_n_m.sum()
-    arm_m = lattice.position_m - (mass * lattice.position_m).sum(axis=0) / mass.sum()
-    torque_nm = (np.cross(arm_m, relaxation.force_n) + relaxation.moment_nm).sum(axis=0)
-    second_moment = arm_m.T @ (mass * arm_m)
-    tensor = (np.trace(second_moment) + inertia) * np.eye(3) - second_moment
-    shift = relaxation.force_n.sum(axis=0) / mass.sum()
-    turning = np.cross(np.linalg.solve(tensor, torque_nm), arm_m)
-    share = (relaxation.force_n - mass * (shift + turning)) / (relaxation.stiffness_n_m[:, None] * PITCH_M)
-    return float(np.sqrt((share**2).sum(axis=1).mean()))
+    moved(planes)
+    move, share = np.inf, np.inf
+    for sweep in range(1, max_sweeps + 1):
+        folded = pull(planes, law, ramp[min(sweep, ramp.size) - 1], ZERO, False)
+        left = drift(planes, relaxation, damping(planes, relaxation))
+        if folded | left:
+            return sweep, _FAULTY, move, share
+        if sweep % SWEEPS_PER_CHECK == 0:
+            move, share = moved(planes), residual(planes)
+            if sweep >= ramp.size and move * PITCH_M <= RESTING_MOVE_M and share <= RESIDUAL_SHARE:
+                return sweep, _AT_REST, move, share
+    return max_sweeps, _MOVING, move, share
 
 
-@kernel
-def relax(links: Links, lattice: Lattice, relaxation: Relaxation, strains: NDArray[np.float64]) -> int:
-    """One sweep for each strain; returns a voxel that left the sane range, or -1."""
-    for strain in strains:
-        pull_voxels(links, lattice, strain, 0.0)
-        damping = DAMPING_SHARE * 2.0 * take_loads(lattice, relaxation)
-        voxel = drift(lattice, relaxation, min(1.9, damping))
-        if voxel >= 0:
-            return voxel
-    return -1
+@inlined
+def damping(planes: Planes, relaxation: Relaxation) -> float:
+    """Take the new loads, and tell the damping that suits the motion in progress.
 
-
-@kernel
-def take_loads(lattice: Lattice, relaxation: Relaxation) -> float:
-    """Turn the links' loads into the common frame; returns the motion's frequency in rad per sweep.
-
-    Rayleigh's quotient of the motion in progress: the change of the loads in one sweep of it stands for the
-    stiffness.
+    Its frequency is Rayleigh's quotient: the change of the loads in one sweep of it stands for the stiffness.
+    Summed in 16 lanes of fixed order, whatever the width of the machine's vectors.
     """
-    velocity, spin = relaxation.velocity, relaxation.spin
-    work, inertia = 0.0, 0.0
-    for v in range(velocity.shape[0]):
-        q = quaternion_at(lattice.orientation, v)
-        force = rotate(q, vector_at(lattice.force_n, v))
-        moment = rotate(q, vector_at(lattice.moment_nm, v))
-        speed_squared, spin_squared = 0.0, 0.0
-        for a in range(3):
-            work += velocity[v, a] * (relaxation.force_n[v, a] - force[a])
-            work += spin[v, a] * (relaxation.moment_nm[v, a] - moment[a])
-            speed_squared += velocity[v, a] ** 2
-            spin_squared += spin[v, a] ** 2
-            relaxation.force_n[v, a] = force[a]
-            relaxation.moment_nm[v, a] = moment[a]
-        inertia += relaxation.stiffness_n_m[v] * (
-            MASS_PER_STIFFNESS * speed_squared + INERTIA_PER_STIFFNESS * PITCH_M**2 * spin_squared
-        )
-    if work > 0.0 and inertia > 0.0:
-        return math.sqrt(work / inertia)
-    return 0.0
+    for lane in range(2 * _LANES):
+        planes[SUMS + lane] = ZERO
+    for first in range(0, CELLS, _LANES):
+        for lane in range(_LANES):
+            n = first + lane
+            fx, mx = load_on(planes, n, 0)
+            fy, my = load_on(planes, n, 1)
+            fz, mz = load_on(planes, n, 2)
+            velocity, spin = vector_at(planes, VELOCITY, n), vector_at(planes, SPIN, n)
+            force_change = plus(vector_at(planes, LAST_LOADS, n), -ONE, (fx, fy, fz))
+            moment_change = plus(vector_at(planes, LAST_LOADS + 3 * PLANE, n), -ONE, (mx, my, mz))
+            put_vector(planes, LAST_LOADS, n, (fx, fy, fz))
+            put_vector(planes, LAST_LOADS + 3 * PLANE, n, (mx, my, mz))
+            planes[SUMS + lane] += dot(velocity, force_change) + dot(spin, moment_change)
+            planes[SUMS + _LANES + lane] += planes[VOXEL + n] * (
+                relaxation.mass * dot(velocity, velocity) + relaxation.inertia * dot(spin, spin)
+            )
+    work, inertia = ZERO, ZERO
+    for lane in range(_LANES):
+        work += planes[SUMS + lane]
+        inertia += planes[SUMS + _LANES + lane]
+    if work > ZERO and inertia > ZERO:
+        return min(relaxation.damping * math.sqrt(work / inertia), relaxation.max_damping)
+    return ZERO
 
 
-@kernel
-def drift(lattice: Lattice, relaxation: Relaxation, damping: float) -> int:
-    """One sweep of central differences with mass-proportional damping; returns a voxel that left, or -1."""
-    keep, push = (2.0 - damping) / (2.0 + damping), 2.0 / (2.0 + damping)
-    left = -1
-    for v in range(relaxation.velocity.shape[0]):
-        mass = MASS_PER_STIFFNESS * relaxation.stiffness_n_m[v]
-        inertia = INERTIA_PER_STIFFNESS * relaxation.stiffness_n_m[v] * PITCH_M**2
-        moved_squared = 0.0
-        for a in range(3):
-            relaxation.velocity[v, a] *= keep
-            relaxation.velocity[v, a] += push * relaxation.force_n[v, a] / mass
-            relaxation.spin[v, a] *= keep
-            relaxation.spin[v, a] += push * relaxation.moment_nm[v, a] / inertia
-            lattice.position_m[v, a] += relaxation.velocity[v, a]
-            moved_squared += (lattice.position_m[v, a] - relaxation.rest_m[v, a]) ** 2
-        turn(lattice.orientation, v, vector_at(relaxation.spin, v), 1.0)
-        if not moved_squared < MAX_MOVE_M * MAX_MOVE_M:
-            left = v
+@inlined
+def dot(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
+    """The scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def drift(planes: Planes, relaxation: Relaxation, damping: float) -> bool:
+    """One sweep of central differences with mass-proportional damping; returns whether a voxel left."""
+    keep, push = (TWO - damping) / (TWO + damping), TWO / (TWO + damping)
+    push, spin_push = push * relaxation.push, push * relaxation.spin_push
+    left = False
+    for n in range(CELLS):
+        softness = planes[SOFTNESS + n]
+        velocity, spin = vector_at(planes, VELOCITY, n), vector_at(planes, SPIN, n)
+        force, moment = vector_at(planes, LAST_LOADS, n), vector_at(planes, LAST_LOADS + 3 * PLANE, n)
+        velocity = plus((keep * velocity[0], keep * velocity[1], keep * velocity[2]), push * softness, force)
+        spin = plus((keep * spin[0], keep * spin[1], keep * spin[2]), spin_push * softness, moment)
+        x, y, z = plus(vector_at(planes, MOVE, n), ONE, velocity)
+        q = turned(quaternion_at(planes, n), spin)
+        left = left | (not (x * x + y * y + z * z < relaxation.max_move_squared))
+        put_vector(planes, VELOCITY, n, velocity)
+        put_vector(planes, SPIN, n, spin)
+        put_vector(planes, MOVE, n, (x, y, z))
+        planes[TURN + n] = q[0]
+        put_vector(planes, TURN + PLANE, n, (q[1], q[2], q[3]))
     return left

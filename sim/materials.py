@@ -12,6 +12,7 @@ EMPTY, PASSIVE, EXPANDING, JAMMED, UNJAMMED = range(5)
 class Materials:
     """Moduli in Pa, density in kg/m^3, linear expansion of the expanding layer per degree of "temperature".
 
+    `jammed_bending_pa` is a jammed fiber's modulus in bending, shear and twist where it is not that in tension.
     The defaults are those of the published runs (docs/reference/voxel-physics.md).
     """
 
@@ -21,7 +22,13 @@ class Materials:
     unjammed_pa: float = 68_900.0
     density_kg_m3: float = 938.33
     expansion_per_degree: float = 0.01
+    jammed_bending_pa: float | None = None
 
-    def moduli_pa(self) -> NDArray[np.float64]:
-        """Modulus of each material code, float64 (5,); EMPTY has none (0)."""
+    def axial_moduli_pa(self) -> NDArray[np.float64]:
+        """Modulus of each material code in tension, float64 (5,); EMPTY has none (0)."""
         return np.array([0.0, self.passive_pa, self.expanding_pa, self.jammed_pa, self.unjammed_pa])
+
+    def bending_moduli_pa(self) -> NDArray[np.float64]:
+        """Modulus of each material code in bending, shear and twist, float64 (5,); EMPTY has none (0)."""
+        jammed_pa = self.jammed_pa if self.jammed_bending_pa is None else self.jammed_bending_pa
+        return np.array([0.0, self.passive_pa, self.expanding_pa, jammed_pa, self.unjammed_pa])

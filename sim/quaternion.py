@@ -1,26 +1,19 @@
-"""Quaternions (w, x, y, z) and vectors (x, y, z) as plain tuples, for the compiled kernels."""
+"""Quaternions (w, x, y, z), vectors (x, y, z) and rotation matrices (by rows) as plain tuples of either precision."""
 
-import math
-
-import numpy as np
-from numpy.typing import NDArray
-
-from sim.kernel import kernel
+from sim.kernel import FOUR, HALF, ONE, TWO, inlined
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-
-# Below this sine the series of the arcsine is exact to 1e-13, and much cheaper than an arctangent.
-SERIES_SINE_SQUARED = 0.01
+Matrix = tuple[Vector, Vector, Vector]
 
 
-@kernel
+@inlined
 def conjugate(q: Quaternion) -> Quaternion:
     """The inverse of a unit quaternion."""
     return q[0], -q[1], -q[2], -q[3]
 
 
-@kernel
+@inlined
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
     """The Hamilton product a b: the rotation b, then a."""
     return (
@@ -31,64 +24,83 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-@kernel
-def rotate(q: Quaternion, v: Vector) -> Vector:
-    """The vector v turned by the unit quaternion q."""
-    tx = 2.0 * (q[2] * v[2] - q[3] * v[1])
-    ty = 2.0 * (q[3] * v[0] - q[1] * v[2])
-    tz = 2.0 * (q[1] * v[1] - q[2] * v[0])
+@inlined
+def product_without_x(a: Quaternion, b: Quaternion) -> Quaternion:
+    """The Hamilton product a b where a has no x part, which is not looked at."""
     return (
-        v[0] + q[0] * tx + q[2] * tz - q[3] * ty,
-        v[1] + q[0] * ty + q[3] * tx - q[1] * tz,
-        v[2] + q[0] * tz + q[1] * ty - q[2] * tx,
+        a[0] * b[0] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] - a[2] * b[1] + a[3] * b[0],
     )
 
 
-@kernel
-def rotation_vector(q: Quaternion) -> Vector:
-    """Axis times angle (rad, at most pi) of a unit quaternion."""
-    s = q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-    if s < SERIES_SINE_SQUARED:
-        scale = 2.0 + s * (1 / 3 + s * (3 / 20 + s * (5 / 56 + s * (35 / 576 + s * (63 / 1408)))))
-    else:
-        scale = 2.0 * math.atan2(math.sqrt(s), abs(q[0])) / math.sqrt(s)
-    # q and -q are the same rotation.
-    if q[0] < 0.0:
-        scale = -scale
-    return scale * q[1], scale * q[2], scale * q[3]
+@inlined
+def rotate(q: Quaternion, v: Vector) -> Vector:
+    """The vector v turned by the unit quaternion q."""
+    tx = TWO * (q[2] * v[2] - q[3] * v[1])
+    ty = TWO * (q[3] * v[0] - q[1] * v[2])
+    tz = TWO * (q[1] * v[1] - q[2] * v[0])
+    return (
+        v[0] + q[0] * tx + (q[2] * tz - q[3] * ty),
+        v[1] + q[0] * ty + (q[3] * tx - q[1] * tz),
+        v[2] + q[0] * tz + (q[1] * ty - q[2] * tx),
+    )
 
 
-@kernel
-def from_rotation_vector(v: Vector) -> Quaternion:
-    """The unit quaternion of axis times angle (rad)."""
-    half_squared = 0.25 * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    if half_squared < 1e-4:
-        scale = 0.5 - half_squared * (1 / 12 - half_squared / 240)
-        w = 1.0 - half_squared * (1 / 2 - half_squared * (1 / 24 - half_squared / 720))
-    else:
-        half = math.sqrt(half_squared)
-        scale = 0.5 * math.sin(half) / half
-        w = math.cos(half)
-    return w, scale * v[0], scale * v[1], scale * v[2]
+@inlined
+def matrix(q: Quaternion) -> Matrix:
+    """The rotation matrix of a unit quaternion: cheaper than `rotate` from two vectors on."""
+    w, x, y, z = q
+    x2, y2, z2 = x + x, y + y, z + z
+    return (
+        (ONE - (y * y2 + z * z2), x * y2 - w * z2, x * z2 + w * y2),
+        (x * y2 + w * z2, ONE - (x * x2 + z * z2), y * z2 - w * x2),
+        (x * z2 - w * y2, y * z2 + w * x2, ONE - (x * x2 + y * y2)),
+    )
 
 
-@kernel
-def turn_onto_x(v: Vector) -> Quaternion:
-    """The shortest rotation that takes v's direction onto +x; half a turn about z where that is -x."""
-    length = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    w = length + v[0]
-    norm = math.sqrt(w * w + v[1] * v[1] + v[2] * v[2])
-    if not norm > 1e-9 * length:
-        return 0.0, 0.0, 0.0, 1.0
-    return w / norm, 0.0, v[2] / norm, -v[1] / norm
+@inlined
+def applied(m: Matrix, v: Vector) -> Vector:
+    """The matrix times the vector."""
+    a, b, c = m
+    return (
+        a[0] * v[0] + a[1] * v[1] + a[2] * v[2],
+        b[0] * v[0] + b[1] * v[1] + b[2] * v[2],
+        c[0] * v[0] + c[1] * v[1] + c[2] * v[2],
+    )
 
 
-@kernel
-def turn(orientations: NDArray[np.float64], row: int, v: Vector, scale: float) -> None:
-    """Turn a row of an array of unit quaternions by the rotation vector scale v; keeps its length at 1."""
-    by = from_rotation_vector((v[0] * scale, v[1] * scale, v[2] * scale))
-    q = product(by, (orientations[row, 0], orientations[row, 1], orientations[row, 2], orientations[row, 3]))
-    # One Newton step undoes the rounding of tens of thousands of products.
-    unit = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    for a in range(4):
-        orientations[row, a] = q[a] * unit
+@inlined
+def applied_without_x(m: Matrix, y: float, z: float) -> Vector:
+    """The matrix times the vector (0, y, z)."""
+    a, b, c = m
+    return a[1] * y + a[2] * z, b[1] * y + b[2] * z, c[1] * y + c[2] * z
+
+
+@inlined
+def rotation_vector(q: Quaternion, arctangent: tuple[float, ...]) -> Vector:
+    """Axis times angle (rad) of a unit quaternion, for angles up to a quarter turn.
+
+    With s the length of (x, y, z), s / (1 + w) is the tangent of a quarter of the angle; `arctangent` are the
+    coefficients of `arctangent_series`.
+    """
+    share = ONE / (ONE + q[0])
+    x, y, z = q[1] * share, q[2] * share, q[3] * share
+    square = x * x + y * y + z * z
+    series = arctangent[0]
+    for coefficient in arctangent[1:]:
+        series = series * square + coefficient
+    scale = FOUR * series
+    return scale * x, scale * y, scale * z
+
+
+@inlined
+def turned(q: Quaternion, v: Vector) -> Quaternion:
+    """The unit quaternion q turned by the small rotation vector v (rad), to third order."""
+    x, y, z = HALF * v[0], HALF * v[1], HALF * v[2]
+    w = ONE - HALF * (x * x + y * y + z * z)
+    a, b, c, d = product((w, x, y, z), q)
+    # One Newton step towards length 1 undoes the rounding of tens of thousands of products.
+    unit = (ONE + HALF) - HALF * (a * a + b * b + c * c + d * d)
+    return a * unit, b * unit, c * unit, d * unit

@@ -116,7 +116,7 @@ def _check_connected(material: NDArray[np.int8]) -> None:
 def _check_materials(materials: Materials) -> None:
     for entry in fields(materials):
         value = getattr(materials, entry.name)
-        if not (math.isfinite(value) and value > 0):
+        if value is not None and not (math.isfinite(value) and value > 0):
             raise SimError(f"materials.{entry.name} is {value}: give a finite value above 0")
 
 

@@ -1,52 +1,45 @@
 """Compiling the simulator's kernels ahead of their first use, and saying so."""
 
+import threading
 from collections.abc import Callable
-from pathlib import Path
-from types import FunctionType
-from typing import Any, Protocol
+from typing import Literal
 
 import numpy as np
 
-from sim.dynamic import dynamic, march
-from sim.equilibrium import equilibrium, relax
+from sim.dynamic import dynamic
+from sim.equilibrium import equilibrium
 from sim.geometry import GRID
 from sim.inflation import RampAndHold
+from sim.kernel import Precision
 from sim.materials import EXPANDING
 from sim.sheet import Sheet
 
-ABOUT_S = 5
+SolverName = Literal["equilibrium", "dynamic"]
+
+ABOUT_S = 6
+# Reading a compiled kernel from the disk takes a fraction of this.
+_PATIENCE_S = 1.0
 
 
-class _Dispatcher(Protocol):
-    """What a compiled function tells about itself, in Numba's names."""
+def compile_kernels(
+    say: Callable[[str], None], solver: SolverName = "equilibrium", precision: Precision = "float32"
+) -> None:
+    """Make a solver ready to run: compiled on this machine's first use, read from the disk after that.
 
-    signatures: list[object]
-    py_func: FunctionType
-    stats: Any
-
-
-def compile_kernels(say: Callable[[str], None]) -> None:
-    """Make both solvers ready to run: compiled on this machine's first use, read from the disk after that.
-
-    Calls `say` with one line before a wait for the compiler, and not otherwise.
+    Calls `say` with one line once the wait gets noticeable, from a thread of its own, and not otherwise.
     """
-    kernels: tuple[Any, ...] = (march, relax)
-    if not all(map(_is_cached, kernels)):
-        say(f"compiling the sheet simulator, once per machine, about {ABOUT_S} s")
-    material = np.zeros(GRID, np.int8)
-    material[0, 0, :2] = EXPANDING
-    pair = Sheet(material)
-    dynamic(pair, RampAndHold(strain=0.0, read_at_s=1e-4))
-    equilibrium(pair, 0.0)
-
-
-def _is_cached(compiled: _Dispatcher) -> bool:
-    """Whether a kernel is compiled in this process or on this machine's disk.
-
-    The cache folder belongs to exactly these sources, so an index there is one that counts.
-    """
-    if compiled.signatures:
-        return True
-    function = compiled.py_func
-    index = f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}-*.nbi"
-    return any(Path(compiled.stats.cache_path).glob(index))
+    line = f"compiling the sheet simulator, once per machine, about {ABOUT_S} s"
+    timer = threading.Timer(_PATIENCE_S, say, [line])
+    timer.daemon = True
+    timer.start()
+    try:
+        material = np.zeros(GRID, np.int8)
+        material[0, 0, :2] = EXPANDING
+        pair = Sheet(material)
+        if solver == "dynamic":
+            dynamic(pair, RampAndHold(strain=0.0, read_at_s=1e-4), precision)
+        else:
+            equilibrium(pair, 0.0, precision=precision)
+    finally:
+        timer.cancel()
+        timer.join()

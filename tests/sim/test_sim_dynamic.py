@@ -1,23 +1,56 @@
 import numpy as np
 import pytest
+from oracle.dynamic import dynamic as oracle_dynamic
 
 from sim import dynamic as module
-from sim.dynamic import dynamic, move_voxels, rest_bodies
+from sim.dynamic import dynamic, move_voxels
 from sim.errors import SimError
+from sim.geometry import CENTRED, PUBLISHED
 from sim.inflation import PUBLISHED_PROTOCOL, RampAndHold, Sine
-from sim.links import build_links, rest_lattice, voxel_mass_kg
+from sim.lattice import MAX_MOVE, Lattice, plane
+from sim.layout import DYNAMIC_SIZE, MOVE, PLANE
 from sim.materials import Materials
 from sim.shape import Failure
-from sim.sheet import Sheet, build_sheet
+from sim.sheet import Fiber, Sheet, build_sheet, rest_positions_m
 
 
-@pytest.mark.timeout(120)
+def off_mm(shape, positions_m):
+    return 1e3 * np.linalg.norm(shape.positions_m - positions_m, axis=1)
+
+
 def test_the_published_run_is_that_of_the_reference_engine(golden, dynamic_shape):
+    """In single precision; asked for are 0.005 mm."""
     shape = dynamic_shape(golden.name)
-    off_mm = 1e3 * np.linalg.norm(shape.positions_m - golden.dynamic_positions_m, axis=1)
     assert shape.steps == golden.steps
-    assert off_mm.mean() <= 0.0005
-    assert off_mm.max() <= 0.0009
+    assert off_mm(shape, golden.dynamic_positions_m).mean() <= 0.0005
+    assert off_mm(shape, golden.dynamic_positions_m).max() <= 0.0009
+
+
+def test_so_it_is_in_double_precision(load_golden):
+    golden = load_golden("random0_second")
+    shape = dynamic(golden.sheet, precision="float64")
+    assert off_mm(shape, golden.dynamic_positions_m).mean() <= 0.0001
+
+
+@pytest.mark.parametrize("geometry", [PUBLISHED, CENTRED])
+def test_a_sheet_of_random_fibers_moves_as_the_oracles(geometry):
+    """A short pull on other sheets than the golden ones, with other materials."""
+    sheet = random_sheet(geometry, np.random.default_rng(5))
+    inflation = RampAndHold(0.25, ramp_s=0.01, read_at_s=0.02)
+    reference = oracle_dynamic(sheet, inflation)
+    for precision, bar_mm in (("float64", 1e-9), ("float32", 1e-4)):
+        shape = dynamic(sheet, inflation, precision)
+        assert shape.steps == reference.steps
+        assert off_mm(shape, reference.positions_m).max() < bar_mm
+        assert np.abs(shape.orientations - reference.orientations).max() < 1e-5
+    assert off_mm(reference, rest_positions_m(sheet)).max() > 1.0
+
+
+def random_sheet(geometry, rng):
+    ends_m = 0.070 + 0.045 * rng.uniform(-1, 1, size=(8, 2, 2))
+    fibers = [Fiber(("top", "bottom")[n % 2], tuple(a), tuple(b)) for n, (a, b) in enumerate(ends_m)]
+    materials = Materials(jammed_pa=0.7e6, unjammed_pa=0.12e6)
+    return build_sheet(fibers, [n < 5 for n in range(8)], geometry, materials)
 
 
 def test_the_published_protocol_is_read_on_the_falling_side_of_the_sine():
@@ -38,23 +71,26 @@ def test_the_shape_carries_what_it_ended_with(voxel_pair):
 
 
 def test_a_lattice_that_explodes_is_a_failure_that_names_a_voxel(load_golden, monkeypatch):
-    stable_s = module.time_step_s
-    monkeypatch.setattr(module, "time_step_s", lambda links, mass_kg: 5 * stable_s(links, mass_kg))
+    """Too long a step, five times the stable one, tears it apart within a few: seen at once, not sampled."""
+    monkeypatch.setattr(module, "_PUSH", 25 * module._PUSH)
     sheet = load_golden("cylinder_known").sheet
     failure = dynamic(sheet)
     assert isinstance(failure, Failure)
     assert sheet.material[failure.voxel] != 0
-    assert "diverged" in failure.reason
+    assert "folded" in failure.reason or "diverged" in failure.reason
     assert failure.when.startswith("at step ")
 
 
-@pytest.mark.parametrize("off_m, left", [(0.139, -1), (0.141, 700), (float("nan"), 700)])
-def test_a_voxel_is_lost_beyond_the_width_of_the_sheet(off_m, left, load_golden):
+@pytest.mark.parametrize("off, left", [(MAX_MOVE - 0.1, False), (MAX_MOVE + 0.1, True), (float("nan"), True)])
+def test_a_voxel_is_lost_beyond_the_width_of_the_sheet(off, left, load_golden):
     sheet = load_golden("flat").sheet
-    lattice = rest_lattice(sheet, build_links(sheet))
-    bodies = rest_bodies(sheet, lattice, voxel_mass_kg(sheet))
-    lattice.position_m[700, 2] += off_m
-    assert move_voxels(lattice, bodies, 1e-9) == left
+    lattice = Lattice(sheet, DYNAMIC_SIZE, "float64")
+    plane(lattice.planes, MOVE + 2 * PLANE)[lattice.cells[700]] += off
+    assert move_voxels(lattice.planes, (0.0, 0.0, 0.0), MAX_MOVE**2) == left
+    if left:
+        failure = lattice.failure("now")
+        assert failure.voxel == tuple(sheet.voxels()[700])
+        assert "diverged" in failure.reason
 
 
 @pytest.mark.parametrize(

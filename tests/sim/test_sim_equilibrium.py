@@ -1,10 +1,8 @@
-import time
-
 import numpy as np
 import pytest
+from oracle.dynamic import dynamic as oracle_dynamic
 
 from sim import equilibrium as module
-from sim.dynamic import dynamic
 from sim.equilibrium import equilibrium
 from sim.errors import SimError
 from sim.inflation import RampAndHold
@@ -21,19 +19,14 @@ def distance_mm(a_m, b_m):
 def test_the_sheet_at_rest_is_that_of_the_reference_engine(golden):
     shape = equilibrium(golden.sheet, DEFAULT_STRAIN)
     off_mm = distance_mm(register(golden.sheet, shape), golden.equilibrium_positions_m)
-    assert off_mm.mean() <= 0.03
+    assert off_mm.mean() <= 0.02
     assert off_mm.max() <= 0.10
 
 
-def test_a_sheet_takes_less_than_half_a_second(load_golden):
-    sheet = load_golden("random0_second").sheet
-    equilibrium(sheet, 0.01)
-    took_s = []
-    for _ in range(3):
-        started = time.process_time()
-        equilibrium(sheet, DEFAULT_STRAIN)
-        took_s.append(time.process_time() - started)
-    assert min(took_s) < 0.5
+def test_so_it_is_in_double_precision(load_golden):
+    golden = load_golden("random0_second")
+    shape = equilibrium(golden.sheet, DEFAULT_STRAIN, precision="float64")
+    assert distance_mm(register(golden.sheet, shape), golden.equilibrium_positions_m).mean() <= 0.02
 
 
 def test_a_sheet_that_is_not_inflated_stays_where_it_is(load_golden):
@@ -52,7 +45,7 @@ def test_a_held_run_through_time_comes_to_the_same_rest():
     material = np.zeros((28, 28, 3), np.int8)
     material[:8, :3, 0], material[:8, :3, 1], material[:8, 1, 2] = 1, 2, 3
     strip = Sheet(material)
-    held = dynamic(strip, RampAndHold(0.15, ramp_s=0.1, read_at_s=0.6))
+    held = oracle_dynamic(strip, RampAndHold(0.15, ramp_s=0.1, read_at_s=0.6))
     rest = equilibrium(strip, 0.15)
     assert distance_mm(register(strip, rest), rest_positions_m(strip)).max() > 1.0
     assert distance_mm(register(strip, held), register(strip, rest)).max() < 0.01
@@ -133,6 +126,7 @@ def test_a_sheet_that_does_not_settle_is_a_failure(load_golden, monkeypatch):
     assert isinstance(failure, Failure)
     assert "did not come to rest: after 150 sweeps" in failure.reason
     assert failure.voxel is None
+    assert failure.when == "at sweep 150"
 
 
 @pytest.mark.parametrize("strain", [-0.01, 0.61, float("nan"), float("inf")])

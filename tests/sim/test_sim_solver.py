@@ -35,6 +35,41 @@ def test_one_sheet_that_fails_does_not_touch_the_others(voxel_pair, load_golden,
     assert kinds == [Failure, Shape]
 
 
+def test_results_do_not_depend_on_the_batch_its_order_or_the_workers(load_golden):
+    sheets = [load_golden(name).sheet for name in ("random0_first", "flat", "sphere_known")]
+    short = RampAndHold(0.2, ramp_s=0.005, read_at_s=0.01)
+    for alone, many in (
+        (Equilibrium(workers=1), Equilibrium(workers=3)),
+        (Dynamic(short, workers=1), Dynamic(short, workers=3)),
+    ):
+        one_by_one = [alone.solve([sheet])[0] for sheet in sheets]
+        together = many.solve([*sheets[::-1], *sheets])[3:]
+        for a, b in zip(one_by_one, together, strict=True):
+            np.testing.assert_array_equal(a.positions_m, b.positions_m)
+            np.testing.assert_array_equal(a.orientations, b.orientations)
+
+
+def test_a_batch_of_equilibria_takes_a_start_for_each_sheet(load_golden):
+    sheets = [load_golden(name).sheet for name in ("random0_first", "sphere_known")]
+    starts = [equilibrium(sheets[0], 0.15), None]
+    warm = Equilibrium().solve(sheets, starts)
+    for sheet, start, shape in zip(sheets, starts, warm, strict=True):
+        alone = equilibrium(sheet, DEFAULT_STRAIN, start)
+        np.testing.assert_array_equal(shape.positions_m, alone.positions_m)
+
+
+def test_starts_that_do_not_fit_are_refused(voxel_pair):
+    with pytest.raises(SimError, match="1 starts for 2 sheets"):
+        Equilibrium().solve([voxel_pair(0), voxel_pair(1)], [None])
+    with pytest.raises(SimError, match="begins at rest"):
+        Dynamic().solve([voxel_pair(0)], [None])
+
+
+def test_a_batch_without_workers_is_refused(voxel_pair):
+    with pytest.raises(SimError, match="0 workers"):
+        Equilibrium(workers=0).solve([voxel_pair(0)])
+
+
 def test_no_sheets_are_no_shapes():
     assert Equilibrium().solve([]) == Dynamic().solve([]) == []
 

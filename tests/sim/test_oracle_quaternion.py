@@ -1,10 +1,9 @@
-"""The compiled quaternions against SciPy's."""
+"""The oracle's quaternions against SciPy's."""
 
 import numpy as np
 import pytest
+from oracle.quaternion import from_rotation_vector, product, rotate, rotation_vector, turn, turn_onto_x
 from scipy.spatial.transform import Rotation
-
-from sim.quaternion import from_rotation_vector, product, rotate, rotation_vector, turn, turn_onto_x
 
 ANGLES = (0.0, 1e-9, 1e-4, 0.019, 0.021, 0.19, 0.21, 1.0, 3.0)
 AXIS = np.array([0.36, -0.48, 0.80])

@@ -1,12 +1,12 @@
-"""The link law against hand calculation, Newton and Galileo."""
+"""The oracle's link law against hand calculation, Newton and Galileo."""
 
 import numpy as np
 import pytest
+from oracle.law import is_large, pull_voxels
+from oracle.links import build_links, rest_lattice
 from scipy.spatial.transform import Rotation
 
 from sim.geometry import PITCH_M
-from sim.law import is_large, pull_voxels
-from sim.links import build_links, rest_lattice
 from sim.materials import Materials
 from sim.sheet import Sheet
 

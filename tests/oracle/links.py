@@ -5,8 +5,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from oracle.law import Lattice, Links
 from sim.geometry import GRID, PITCH_M
-from sim.law import Lattice, Links
 from sim.materials import EXPANDING
 from sim.sheet import Sheet, rest_positions_m
 
@@ -17,8 +17,8 @@ def voxel_mass_kg(sheet: Sheet) -> float:
 
 
 def voxel_moduli_pa(sheet: Sheet) -> NDArray[np.float64]:
-    """The modulus of every voxel, float64 (n,)."""
-    return sheet.materials.moduli_pa()[_codes(sheet)]
+    """The modulus of every voxel in tension, float64 (n,)."""
+    return sheet.materials.axial_moduli_pa()[_codes(sheet)]
 
 
 def build_links(sheet: Sheet) -> Links:
@@ -64,12 +64,13 @@ def _codes(sheet: Sheet) -> NDArray[np.int8]:
 def _links(
     sheet: Sheet, negative: NDArray[np.int32], positive: NDArray[np.int32], axis: NDArray[np.int8]
 ) -> Links:
-    moduli_pa = voxel_moduli_pa(sheet)
-    e_n, e_p = moduli_pa[negative], moduli_pa[positive]
-    e_pa = 2.0 * e_n * e_p / (e_n + e_p)
+    ea_pa, e_pa = (
+        2.0 * pa[negative] * pa[positive] / (pa[negative] + pa[positive])
+        for pa in (voxel_moduli_pa(sheet), sheet.materials.bending_moduli_pa()[_codes(sheet)])
+    )
     expanding = _codes(sheet) == EXPANDING
     swelling = 0.5 * (expanding[negative].astype(float) + expanding[positive])
-    a1, a2 = e_pa * PITCH_M, e_pa * PITCH_M**3 / 12
+    a1, a2 = ea_pa * PITCH_M, e_pa * PITCH_M**3 / 12
     b1, b2, b3 = e_pa * PITCH_M, e_pa * PITCH_M**2 / 2, e_pa * PITCH_M**3 / 6
     s1, s2, s3 = np.sqrt(a1), np.sqrt(a2 * PITCH_M**2 / 6), np.sqrt(b1)
     s4, s5 = np.sqrt(b2 * PITCH_M / 2), np.sqrt(b3 * PITCH_M**2 / 6)

@@ -1,0 +1,191 @@
+"""From a sheet to its lattice in memory, and from there to a shape or to what went wrong."""
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.errors import SimError
+from sim.geometry import GRID, PITCH_M
+from sim.kernel import Precision
+from sim.layout import (
+    AXES,
+    AXIAL,
+    AXIAL_DAMPING,
+    BENDING,
+    BENDING_DAMPING,
+    CELLS,
+    FOLDED,
+    LARGE,
+    MOVE,
+    PLANE,
+    REGIME,
+    SWELLING,
+    TURN,
+    Axis,
+    Planes,
+)
+from sim.materials import EXPANDING
+from sim.shape import Failure, Shape
+from sim.sheet import Sheet, rest_positions_m
+
+Element = TypeVar("Element", bound=np.generic)
+
+# No voxel of a whole sheet gets further from its rest position than the sheet is wide.
+MAX_MOVE_M = 0.140
+MAX_MOVE = MAX_MOVE_M / PITCH_M
+
+
+def voxel_mass_kg(sheet: Sheet) -> float:
+    """The mass of one voxel: every material has the same density."""
+    return float(sheet.materials.density_kg_m3 * PITCH_M**3)
+
+
+def cells_of(sheet: Sheet) -> NDArray[np.intp]:
+    """The cell number of every voxel of a sheet, in the order of its voxels."""
+    return np.flatnonzero(over_cells(sheet.material))
+
+
+def over_cells(grid: NDArray[Element]) -> NDArray[Element]:
+    """An array over the grid (i, j, k) as one over cells (2352,)."""
+    return np.ascontiguousarray(grid.transpose(2, 1, 0)).reshape(CELLS)
+
+
+def plane(planes: Planes, at: int) -> Planes:
+    """The cells of one plane, a view."""
+    return planes[at : at + CELLS]
+
+
+class Lattice:
+    """A sheet as the kernels work on it: `planes` (see `sim.layout`), changed in place.
+
+    `modulus_pa` is that of the stiffest link, the unit of all moduli.
+    """
+
+    def __init__(self, sheet: Sheet, size: int, precision: Precision) -> None:
+        self.sheet = sheet
+        self.planes: Planes = np.zeros(size, np.dtype(precision))
+        self.cells = cells_of(sheet)
+        plane(self.planes, TURN)[:] = 1.0
+        axial_pa = over_cells(sheet.materials.axial_moduli_pa()[sheet.material])
+        bending_pa = over_cells(sheet.materials.bending_moduli_pa()[sheet.material])
+        expands = over_cells(sheet.material == EXPANDING).astype(float)
+        self._linked = {axis.number: _linked(axis, axial_pa > 0) for axis in AXES}
+        moduli_pa = {
+            axis.number: [_in_series(axis, pa, self._linked[axis.number]) for pa in (axial_pa, bending_pa)]
+            for axis in AXES
+        }
+        self.modulus_pa = max(float(pa.max(initial=0.0)) for pair in moduli_pa.values() for pa in pair)
+        for axis in AXES:
+            n = self._linked[axis.number]
+            swelling = 0.5 * (expands[n] + expands[n + axis.step])
+            plane(self.planes, axis.links + SWELLING)[n] = swelling
+            for pa, modulus, damping in zip(
+                moduli_pa[axis.number], (AXIAL, BENDING), (AXIAL_DAMPING, BENDING_DAMPING), strict=True
+            ):
+                share = pa / self.modulus_pa
+                plane(self.planes, axis.links + modulus)[n] = share
+                # Critical damping 2 sqrt(m k) over half the change in one step, at the published step.
+                plane(self.planes, axis.links + damping)[n] = 2 * np.pi * np.sqrt(share)
+
+    @property
+    def links(self) -> int:
+        """How many links there are."""
+        return sum(n.size for n in self._linked.values())
+
+    def stiffness(self) -> NDArray[np.float64]:
+        """The sum of the larger modulus of every voxel's links, float64 over cells, 0 where there is none."""
+        total = np.zeros(CELLS)
+        for axis in AXES:
+            n = self._linked[axis.number]
+            both = [plane(self.planes, axis.links + modulus)[n] for modulus in (AXIAL, BENDING)]
+            stiffer = np.maximum(*both).astype(np.float64)
+            # Neither N nor P comes twice along one axis.
+            total[n] += stiffer
+            total[n + axis.step] += stiffer
+        return total
+
+    def take_up(self, start: Shape) -> None:
+        """Set the lattice to a shape that was computed before.
+
+        Raises:
+            SimError: the shape has another number of voxels or links, or is not finite.
+        """
+        if len(start.positions_m) != self.cells.size or start.large.size != self.links:
+            raise SimError(
+                f"the start shape has {len(start.positions_m)} voxels and {start.large.size} links, the sheet "
+                f"{self.cells.size} and {self.links}: start from a shape of the same geometry, or from none"
+            )
+        if not (np.isfinite(start.positions_m).all() and np.isfinite(start.orientations).all()):
+            raise SimError(
+                "the start shape has positions or orientations that are not finite: start from none"
+            )
+        moves = (start.positions_m - rest_positions_m(self.sheet)) / PITCH_M
+        for component in range(3):
+            plane(self.planes, MOVE + component * PLANE)[self.cells] = moves[:, component]
+        for component in range(4):
+            plane(self.planes, TURN + component * PLANE)[self.cells] = start.orientations[:, component]
+        for axis, large in zip(AXES, np.split(start.large, self._link_ends()), strict=True):
+            plane(self.planes, axis.links + REGIME)[self._linked[axis.number]] = large
+
+    def shape(self, steps: int, strain: float) -> Shape:
+        """The shape that the lattice is in."""
+        moves = self._components(MOVE, 3)
+        large = [plane(self.planes, axis.links + REGIME)[self._linked[axis.number]] == LARGE for axis in AXES]
+        return Shape(
+            positions_m=rest_positions_m(self.sheet) + moves * PITCH_M,
+            steps=steps,
+            strain=strain,
+            orientations=self._components(TURN, 4),
+            large=np.concatenate(large),
+        )
+
+    def failure(self, when: str) -> Failure:
+        """What is wrong with a lattice that has a folded link or a voxel out of range."""
+        moves = np.linalg.norm(self._components(MOVE, 3), axis=1)
+        out = np.flatnonzero(~(moves < MAX_MOVE))
+        if out.size:
+            i, j, k = self._voxel(int(self.cells[out[0]]))
+            return Failure(
+                f"the lattice diverged: voxel ({i}, {j}, {k}) moved more than {MAX_MOVE_M * 1e3:g} mm or to "
+                "no finite place; check the moduli and the strain",
+                (i, j, k),
+                when,
+            )
+        for axis in AXES:
+            folded = np.flatnonzero(plane(self.planes, axis.links + REGIME) == FOLDED)
+            if folded.size:
+                n = int(folded[0])
+                voxel, other = self._voxel(n), self._voxel(n + axis.step)
+                return Failure(
+                    f"the lattice folded: the link from voxel {voxel} to {other} has turned by more than a "
+                    "quarter turn; check the moduli and the strain",
+                    voxel,
+                    when,
+                )
+        raise AssertionError("a lattice without fault has no failure")
+
+    def _components(self, at: int, count: int) -> NDArray[np.float64]:
+        columns = [plane(self.planes, at + c * PLANE)[self.cells] for c in range(count)]
+        return np.column_stack(columns).astype(np.float64)
+
+    def _link_ends(self) -> list[int]:
+        return list(np.cumsum([self._linked[axis.number].size for axis in AXES])[:-1])
+
+    @staticmethod
+    def _voxel(cell: int) -> tuple[int, int, int]:
+        k, j, i = np.unravel_index(cell, GRID[::-1])
+        return int(i), int(j), int(k)
+
+
+def _linked(axis: Axis, there: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """The cells that are N of a link along an axis: there is a voxel in both, and no edge between."""
+    index = np.arange(CELLS).reshape(GRID[::-1])
+    lower = np.moveaxis(index, 2 - axis.number, 0)[:-1].ravel()
+    return np.sort(lower[there[lower] & there[lower + axis.step]])
+
+
+def _in_series(axis: Axis, pa: NDArray[np.float64], n: NDArray[np.intp]) -> NDArray[np.float64]:
+    """The modulus of links from voxels n: twice the two voxels' in series."""
+    e_n, e_p = pa[n], pa[n + axis.step]
+    return 2.0 * e_n * e_p / (e_n + e_p)

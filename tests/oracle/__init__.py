@@ -1,0 +1,1 @@
+"""The scalar oracle: the published lattice, link by link in double precision, written from the reference."""
