@@ -147,15 +147,15 @@ def pull(planes: Planes, law: Constants, strain: float, damped: float, remembers
 @inlined
 def difference(planes: Planes, axis: Axis, at: int, n: int) -> float:
     """What a component of the loads along an axis leaves at cell n, P's end taking the opposite of N's."""
-    at_n: float = planes[axis.loads + at + n]
-    return at_n - planes[axis.loads + at + n - axis.step]
+    result: float = planes[axis.loads + at + n] - planes[axis.loads + at + n - axis.step]
+    return result
 
 
 @inlined
 def total(planes: Planes, axis: Axis, at: int, n: int) -> float:
     """What a component of the loads along an axis leaves at cell n, both ends taking the same."""
-    at_n: float = planes[axis.loads + at + n]
-    return at_n + planes[axis.loads + at + n - axis.step]
+    result: float = planes[axis.loads + at + n] + planes[axis.loads + at + n - axis.step]
+    return result
 
 
 @inlined
