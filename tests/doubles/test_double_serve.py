@@ -22,12 +22,14 @@ class Serial:
         self.fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
         os.set_blocking(self.fd, False)
 
-    def ask(self, request, wait_s=2.0):
+    def ask(self, request, wait_s=2.0, quiet_s=0.05):
+        """What comes until the line is quiet: a reply may arrive in pieces."""
         os.write(self.fd, request)
         reply, deadline = b"", time.monotonic() + wait_s
-        while time.monotonic() < deadline and not reply:
+        while time.monotonic() < deadline:
             try:
                 reply += os.read(self.fd, 4096)
+                deadline = time.monotonic() + quiet_s
             except BlockingIOError:
                 time.sleep(0.005)
         return reply
