@@ -58,6 +58,21 @@ def columns(geometry: Geometry) -> NDArray[np.bool_]:
     return cast(NDArray[np.bool_], distance < RADIUS_PITCHES)
 
 
+def geometry_of(sheet_columns: NDArray[np.bool_]) -> Geometry:
+    """The geometry whose columns, bool (28, 28), these are.
+
+    Raises:
+        SimError: they are those of no geometry.
+    """
+    for known in (PUBLISHED, CENTRED):
+        if np.array_equal(sheet_columns, columns(known)):
+            return known
+    counts = " nor ".join(f"the {columns(known).sum()} of {known.name!r}" for known in (PUBLISHED, CENTRED))
+    raise SimError(
+        f"the sheet's {np.count_nonzero(sheet_columns)} columns are neither {counts}: use a whole round sheet"
+    )
+
+
 def column_at(geometry: Geometry, x_m: float, y_m: float) -> tuple[int, int]:
     """The column (i, j) whose centre is nearest to a point of the sheet frame, in metres.
 

@@ -145,7 +145,7 @@ class SimulatedShapes:
 
     def _points_mm(self, sheet: Sheet, shape: Shape) -> NDArray[np.float64]:
         registered = register(sheet, shape)
-        points_m = material_points(sheet, self._geometry, registered, self._points_m, face="top")
+        points_m = material_points(sheet, self._geometry, registered, self._points_m, surface="top")
         lift_m = np.array([0.0, 0.0, resting_offset_m(sheet, registered)])
         return np.asarray((points_m + lift_m) * 1000, dtype=np.float64)
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sim.errors import SimError
-from sim.geometry import CENTRED, PUBLISHED, column_at, columns, geometry
+from sim.geometry import CENTRED, PUBLISHED, column_at, columns, geometry, geometry_of
 
 
 def test_each_geometry_has_its_number_of_columns_across_and_in_all():
@@ -41,6 +41,17 @@ def test_a_geometry_is_found_by_its_name():
     assert geometry("centred") is CENTRED
     with pytest.raises(SimError, match="'square': use 'published' or 'centred'"):
         geometry("square")
+
+
+def test_a_geometry_is_known_by_its_columns():
+    for cut in (PUBLISHED, CENTRED):
+        assert geometry_of(columns(cut)) is cut
+    holed = columns(PUBLISHED)
+    holed[13, 13] = False
+    with pytest.raises(
+        SimError, match="608 columns are neither the 609 of 'published' nor the 616 of 'centred'"
+    ):
+        geometry_of(holed)
 
 
 @pytest.mark.parametrize("x_mm", [35, 70, 105])

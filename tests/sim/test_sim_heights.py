@@ -4,23 +4,23 @@ import pytest
 from sim.equilibrium import equilibrium
 from sim.errors import SimError
 from sim.geometry import CENTRED, PUBLISHED, columns
-from sim.heights import heights_m, material_points, resting_offset_m
+from sim.heights import height_field_m, heights_m, material_points, resting_offset_m
 from sim.registration import register
 from sim.sheet import Fiber, build_sheet, rest_positions_m
 
 MM = 1e-3
-FACES = ("top", "bottom")
+SURFACES = ("top", "bottom", "mid")
 RIM_M = 0.070 + 0.070 * np.column_stack(
     [np.cos(np.linspace(0, 2 * np.pi, 90)), np.sin(np.linspace(0, 2 * np.pi, 90))]
 )
 
 
 @pytest.mark.parametrize("geometry", [PUBLISHED, CENTRED])
-@pytest.mark.parametrize("face", FACES)
-def test_on_the_uninflated_sheet_every_point_is_where_it_is(geometry, face):
+@pytest.mark.parametrize("surface", SURFACES)
+def test_on_the_uninflated_sheet_every_point_is_where_it_is(geometry, surface):
     sheet = build_sheet([], [], geometry)
     points_m = np.vstack([[[0.07, 0.07], [0.0313, 0.0478], [0.105, 0.035]], RIM_M])
-    where_m = material_points(sheet, geometry, rest_positions_m(sheet), points_m, face)
+    where_m = material_points(sheet, geometry, rest_positions_m(sheet), points_m, surface)
     np.testing.assert_allclose(where_m, np.column_stack([points_m, np.zeros(len(points_m))]), atol=1e-12)
 
 
@@ -73,6 +73,45 @@ def test_points_or_positions_that_make_no_sense_are_refused():
         heights_m(sheet, CENTRED, rest_m, np.array([0.07, 0.07]))
     with pytest.raises(SimError, match="sheet of 1848 voxels"):
         heights_m(sheet, CENTRED, rest_m[1:], np.array([[0.07, 0.07]]))
+
+
+@pytest.mark.parametrize("surface, layer", [("bottom", 0), ("mid", 1), ("top", 2)])
+def test_a_height_field_is_the_rise_of_each_voxel_of_its_layer_at_its_own_column(surface, layer):
+    sheet = build_sheet([], [], PUBLISHED)
+    i, j, k = sheet.voxels().T
+    positions_m = rest_positions_m(sheet) + np.array([0.3, 0.2, 0.0])
+    positions_m[:, 2] += MM * (k + 1) * (i + 0.01 * j)
+
+    field_m = height_field_m(sheet, positions_m, surface)
+
+    assert field_m.shape == (28, 28) and field_m.dtype == np.float64
+    np.testing.assert_array_equal(~np.isnan(field_m), columns(PUBLISHED))
+    assert field_m[20, 3] == pytest.approx((layer + 1) * 20.03 * MM)
+    assert field_m[3, 20] == pytest.approx((layer + 1) * 3.20 * MM)
+
+
+def test_the_height_field_is_that_of_points_on_the_columns():
+    sheet = build_sheet([], [], CENTRED)
+    positions_m = rest_positions_m(sheet) + np.random.default_rng(8).normal(scale=MM, size=(1848, 3))
+    every = np.argwhere(columns(CENTRED))
+    for surface in SURFACES:
+        points_m = CENTRED.to_sheet_m(0) + every * 0.005
+        np.testing.assert_allclose(
+            height_field_m(sheet, positions_m, surface)[tuple(every.T)],
+            heights_m(sheet, CENTRED, positions_m, points_m, surface),
+            atol=1e-12,
+        )
+
+
+def test_a_surface_that_a_sheet_has_not_is_refused():
+    sheet = build_sheet([], [], CENTRED)
+    rest_m = rest_positions_m(sheet)
+    with pytest.raises(SimError, match="no surface 'middle': use one of 'bottom', 'mid', 'top'"):
+        height_field_m(sheet, rest_m, "middle")
+    with pytest.raises(SimError, match="no surface 'side'"):
+        heights_m(sheet, CENTRED, rest_m, np.array([[0.07, 0.07]]), "side")
+    with pytest.raises(SimError, match="sheet of 1848 voxels"):
+        height_field_m(sheet, rest_m[1:])
 
 
 def test_a_sheet_on_a_table_rests_on_its_lowest_voxel():
