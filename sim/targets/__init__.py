@@ -1,0 +1,1 @@
+"""Target shapes: what a sheet's heights are scored against."""
