@@ -1,0 +1,1 @@
+"""Target shapes as people name them, and a simulated sheet's score against one."""
