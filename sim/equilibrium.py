@@ -31,7 +31,7 @@ from sim.layout import (
 )
 from sim.pull import load_on, pull, put_vector, quaternion_at, vector_at
 from sim.quaternion import turned
-from sim.resting import moved, residual
+from sim.resting import moved, residual, stop_turning
 from sim.shape import Failure, Shape
 from sim.sheet import Sheet
 from sim.strain import MAX_STRAIN, check_strain
@@ -46,12 +46,12 @@ DAMPING_SHARE = 0.5
 MAX_DAMPING = 1.9
 # Slow enough for the regimes of the links to follow the path that a real inflation takes.
 MAX_STRAIN_PER_SWEEP = 0.0018
-SWEEPS_PER_CHECK = 50
+SWEEPS_PER_CHECK = 25
 MAX_SWEEPS = 10_000
 # At rest: both the force left on a voxel, as a share of what one pitch of displacement would take, and the
 # move since the last check, root mean square over the voxels, are small.
-RESIDUAL_SHARE = 3e-6
-RESTING_MOVE_M = 1e-5
+RESIDUAL_SHARE = 1e-6
+RESTING_MOVE_M = 1e-6
 
 _MOVING, _AT_REST, _FAULTY = range(3)
 _LANES = 16
@@ -138,6 +138,7 @@ def settle(
             move, share = moved(planes), residual(planes)
             if sweep >= ramp.size and move * PITCH_M <= RESTING_MOVE_M and share <= RESIDUAL_SHARE:
                 return sweep, _AT_REST, move, share
+            stop_turning(planes)
     return max_sweeps, _MOVING, move, share
 
 

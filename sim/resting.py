@@ -1,29 +1,44 @@
 """Whether a lattice is at rest: what its voxels still move and bear, apart from a motion as a rigid body.
 
-The links' moments do not balance exactly, so a sheet at rest goes on turning slowly: that bends nothing.
-All in double precision, in the units of `sim.layout`.
+The links' moments do not balance exactly, so a sheet at rest goes on turning slowly, and faster and faster
+where nothing stops it: that bends nothing. All in double precision, in the units of `sim.layout`.
 """
 
 import math
 
 from sim.kernel import inlined, kernel
-from sim.layout import CELLS, CHANGE, CHECKED, LAST_LOADS, LAYER, MOVE, PLANE, ROW, VOXEL, Planes
-from sim.pull import vector_at
+from sim.layout import (
+    CELLS,
+    CHANGE,
+    CHECKED,
+    LAST_LOADS,
+    LAYER,
+    MOVE,
+    PLANE,
+    ROW,
+    SPIN,
+    VELOCITY,
+    VOXEL,
+    Planes,
+)
+from sim.pull import put_vector, vector_at
 from sim.quaternion import Vector
 
-# The voxels' own inertia, per their stiffness: without it a row of voxels could turn about itself freely.
+# The voxels' own inertia, per their stiffness, that moments turn. Places alone do not show it, but a row of
+# voxels that turned about itself would have none at all.
 _OWN_INERTIA = 0.5
+_HARDLY_ANY = 1e-6
 
 
 @kernel
 def moved(planes: Planes) -> float:
     """Root mean square over the voxels of the move since the last call, in pitches, without the rigid part."""
-    for component in range(3):
+    for component in range(0, 3 * PLANE, PLANE):
         for n in range(CELLS):
-            now = planes[MOVE + component * PLANE + n]
-            change = now - planes[CHECKED + component * PLANE + n]
-            planes[CHANGE + component * PLANE + n] = planes[VOXEL + n] * change
-            planes[CHECKED + component * PLANE + n] = now
+            now = planes[MOVE + component + n]
+            change = now - planes[CHECKED + component + n]
+            planes[CHANGE + component + n] = planes[VOXEL + n] * change
+            planes[CHECKED + component + n] = now
     return flexing(planes, CHANGE, False)
 
 
@@ -33,9 +48,40 @@ def residual(planes: Planes) -> float:
     return flexing(planes, LAST_LOADS, True)
 
 
+@kernel
+def stop_turning(planes: Planes) -> None:
+    """Take the motion as a rigid body out of the velocities."""
+    for component in range(0, 3 * PLANE, PLANE):
+        for n in range(CELLS):
+            planes[CHANGE + component + n] = planes[VOXEL + n] * planes[VELOCITY + component + n]
+    centre, shift, turning = rigid_part(planes, CHANGE, False)
+    for n in range(CELLS):
+        if planes[VOXEL + n] > 0.0:
+            x, y, z = rigid_at(planes, n, centre, shift, turning)
+            u, v, w = vector_at(planes, VELOCITY, n)
+            put_vector(planes, VELOCITY, n, (u - x, v - y, w - z))
+            a, b, c = vector_at(planes, SPIN, n)
+            put_vector(planes, SPIN, n, (a - turning[0], b - turning[1], c - turning[2]))
+
+
 @inlined
 def flexing(planes: Planes, at: int, with_moments: bool) -> float:
-    """Root mean square of vectors / stiffness that is left when their rigid-body motion is taken away.
+    """Root mean square of vectors / stiffness that is left when their rigid part is taken away."""
+    centre, shift, turning = rigid_part(planes, at, with_moments)
+    total, voxels = 0.0, 0
+    for n in range(CELLS):
+        stiffness = float(planes[VOXEL + n])
+        if stiffness > 0.0:
+            x, y, z = rigid_at(planes, n, centre, shift, turning)
+            a, b, c = vector_at(planes, at, n)
+            total += (a / stiffness - x) ** 2 + (b / stiffness - y) ** 2 + (c / stiffness - z) ** 2
+            voxels += 1
+    return math.sqrt(total / voxels)
+
+
+@inlined
+def rigid_part(planes: Planes, at: int, with_moments: bool) -> tuple[Vector, Vector, Vector]:
+    """The centre of stiffness, and the shift and the turning that vectors come to as a rigid body's.
 
     Inertia relief: the planes from `at` on are as forces on masses in proportion to the voxels' stiffness;
     `with_moments`: the next three are moments.
@@ -60,21 +106,21 @@ def flexing(planes: Planes, at: int, with_moments: bool) -> float:
             tx, ty, tz = tx + a, ty + b, tz + c
         xx, yy, zz = xx + m * x * x, yy + m * y * y, zz + m * z * z
         xy, xz, yz = xy - m * x * y, xz - m * x * z, yz - m * y * z
-    own = _OWN_INERTIA * mass
-    wx, wy, wz = solved((yy + zz + own, xx + zz + own, xx + yy + own), (xy, xz, yz), (tx, ty, tz))
-    total, voxels = 0.0, 0
-    for n in range(CELLS):
-        m = float(planes[VOXEL + n])
-        if m > 0.0:
-            x, y, z = place(planes, n)
-            x, y, z = x - x0, y - y0, z - z0
-            a, b, c = vector_at(planes, at, n)
-            a = a / m - fx / mass - (wy * z - wz * y)
-            b = b / m - fy / mass - (wz * x - wx * z)
-            c = c / m - fz / mass - (wx * y - wy * x)
-            total += a * a + b * b + c * c
-            voxels += 1
-    return math.sqrt(total / voxels)
+    own = (_OWN_INERTIA if with_moments else _HARDLY_ANY) * mass
+    turning = solved((yy + zz + own, xx + zz + own, xx + yy + own), (xy, xz, yz), (tx, ty, tz))
+    return (x0, y0, z0), (fx / mass, fy / mass, fz / mass), turning
+
+
+@inlined
+def rigid_at(planes: Planes, n: int, centre: Vector, shift: Vector, turning: Vector) -> Vector:
+    """The rigid part at the voxel of cell n: shift + turning x arm."""
+    x, y, z = place(planes, n)
+    x, y, z = x - centre[0], y - centre[1], z - centre[2]
+    return (
+        shift[0] + (turning[1] * z - turning[2] * y),
+        shift[1] + (turning[2] * x - turning[0] * z),
+        shift[2] + (turning[0] * y - turning[1] * x),
+    )
 
 
 @inlined
