@@ -10,13 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.errors import SimError
+from sim.face_fibers import FaceFibers
 from sim.geometry import PITCH_M
 from sim.inflation import PUBLISHED_PROTOCOL, Inflation
 from sim.kernel import ONE, ZERO, Precision, inlined, kernel, real_of
 from sim.lattice import MAX_MOVE, Lattice, over_cells, plane, voxel_mass_kg
 from sim.law import Constants, constants, plus
-from sim.layout import CELLS, DYNAMIC_SIZE, MOVE, PLANE, SPIN, TURN, VELOCITY, VOXEL, Planes
-from sim.pull import load_on, pull, put_vector, quaternion_at, vector_at
+from sim.layout import (
+    CELLS,
+    DYNAMIC_SIZE,
+    MOVE,
+    PLANE,
+    SPIN,
+    TURN,
+    VELOCITY,
+    VOXEL,
+    Planes,
+    put_vector,
+    quaternion_at,
+    vector_at,
+)
+from sim.pull import load_on, pull
 from sim.quaternion import turned
 from sim.shape import Failure, Shape
 from sim.sheet import Sheet
@@ -61,6 +75,7 @@ def dynamic(
     plane(lattice.planes, VOXEL)[:] = GROUND_DAMPING / math.pi * np.sqrt(own_share)
     step = march(
         lattice.planes,
+        lattice.fibers,
         constants(precision),
         strains.astype(real),
         (real(_PUSH), real(_SPIN_PUSH), real(_SPIN_DRAG)),
@@ -74,6 +89,7 @@ def dynamic(
 @kernel
 def march(
     planes: Planes,
+    fibers: FaceFibers,
     law: Constants,
     strains: NDArray[np.floating],
     pushes: tuple[float, float, float],
@@ -81,7 +97,7 @@ def march(
 ) -> int:
     """Step the lattice through all strains; returns how many steps were whole, less than all if one was not."""
     for step in range(strains.size):
-        folded = pull(planes, law, strains[step], ONE if step > 0 else ZERO, True)
+        folded = pull(planes, fibers, law, strains[step], ONE if step > 0 else ZERO, True)
         left = move_voxels(planes, pushes, max_move_squared)
         if folded | left:
             return step

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.face_fibers import FaceFibers
 from sim.geometry import PITCH_M
 from sim.kernel import ONE, TWO, ZERO, Precision, inlined, kernel, real_of
 from sim.lattice import MAX_MOVE, Lattice, plane
@@ -28,8 +29,11 @@ from sim.layout import (
     VELOCITY,
     VOXEL,
     Planes,
+    put_vector,
+    quaternion_at,
+    vector_at,
 )
-from sim.pull import load_on, pull, put_vector, quaternion_at, vector_at
+from sim.pull import load_on, pull
 from sim.quaternion import turned
 from sim.resting import moved, residual, stop_turning
 from sim.shape import Failure, Shape
@@ -104,7 +108,12 @@ def equilibrium(
         MAX_MOVE**2,
     )
     sweeps, state, move, share = settle(
-        lattice.planes, constants(precision), Relaxation(*map(real, numbers)), ramp, MAX_SWEEPS
+        lattice.planes,
+        lattice.fibers,
+        constants(precision),
+        Relaxation(*map(real, numbers)),
+        ramp,
+        MAX_SWEEPS,
     )
     if state == _FAULTY:
         return lattice.failure(f"at sweep {sweeps}")
@@ -121,7 +130,12 @@ def equilibrium(
 
 @kernel
 def settle(
-    planes: Planes, law: Constants, relaxation: Relaxation, ramp: NDArray[np.floating], max_sweeps: int
+    planes: Planes,
+    fibers: FaceFibers,
+    law: Constants,
+    relaxation: Relaxation,
+    ramp: NDArray[np.floating],
+    max_sweeps: int,
 ) -> tuple[int, int, float, float]:
     """Sweep until at rest; returns the sweeps, how it ended, the last move in pitches and the residual.
 
@@ -130,7 +144,7 @@ def settle(
     moved(planes)
     move, share = np.inf, np.inf
     for sweep in range(1, max_sweeps + 1):
-        folded = pull(planes, law, ramp[min(sweep, ramp.size) - 1], ZERO, False)
+        folded = pull(planes, fibers, law, ramp[min(sweep, ramp.size) - 1], ZERO, False)
         left = drift(planes, relaxation, damping(planes, relaxation))
         if folded | left:
             return sweep, _FAULTY, move, share

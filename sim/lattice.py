@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.errors import SimError
+from sim.face_fibers import added_modulus_pa, face_fibers
 from sim.geometry import GRID, PITCH_M
 from sim.kernel import Precision
 from sim.layout import (
@@ -59,7 +60,7 @@ def plane(planes: Planes, at: int) -> Planes:
 class Lattice:
     """A sheet as the kernels work on it: `planes` (see `sim.layout`), changed in place.
 
-    `modulus_pa` is that of the stiffest link, the unit of all moduli.
+    `modulus_pa` is the unit of all moduli: that of the stiffest link, and more where elements lie beside links.
     """
 
     def __init__(self, sheet: Sheet, size: int, precision: Precision) -> None:
@@ -76,6 +77,13 @@ class Lattice:
             for axis in AXES
         }
         self.modulus_pa = max(float(pa.max(initial=0.0)) for pair in moduli_pa.values() for pa in pair)
+        self.modulus_pa += added_modulus_pa(sheet)
+        self.fibers = face_fibers(sheet, self.modulus_pa, precision)
+        self._lay_links(moduli_pa, expands)
+
+    def _lay_links(
+        self, moduli_pa: dict[int, list[NDArray[np.float64]]], expands: NDArray[np.float64]
+    ) -> None:
         for axis in AXES:
             n = self._linked[axis.number]
             swelling = 0.5 * (expands[n] + expands[n + axis.step])
@@ -90,8 +98,8 @@ class Lattice:
 
     @property
     def links(self) -> int:
-        """How many links there are."""
-        return sum(n.size for n in self._linked.values())
+        """How many links there are, with the fibers' elements."""
+        return sum(n.size for n in self._linked.values()) + self.fibers.large.size
 
     def stiffness(self) -> NDArray[np.float64]:
         """The sum of the larger modulus of every voxel's links, float64 over cells, 0 where there is none."""
@@ -103,6 +111,9 @@ class Lattice:
             # Neither N nor P comes twice along one axis.
             total[n] += stiffer
             total[n + axis.step] += stiffer
+        for end in (0, 1):
+            # Glued on half a pitch above the centre, an element stretches by a voxel's turn too.
+            np.add.at(total, self.fibers.cells[:, end], 2.0 * self.fibers.moduli[:, :2].max(axis=1))
         return total
 
     def take_up(self, start: Shape) -> None:
@@ -125,8 +136,10 @@ class Lattice:
             plane(self.planes, MOVE + component * PLANE)[self.cells] = moves[:, component]
         for component in range(4):
             plane(self.planes, TURN + component * PLANE)[self.cells] = start.orientations[:, component]
-        for axis, large in zip(AXES, np.split(start.large, self._link_ends()), strict=True):
+        *links, elements = np.split(start.large, self._link_ends())
+        for axis, large in zip(AXES, links, strict=True):
             plane(self.planes, axis.links + REGIME)[self._linked[axis.number]] = large
+        self.fibers.large[:] = elements
 
     def shape(self, steps: int, strain: float) -> Shape:
         """The shape that the lattice is in."""
@@ -137,7 +150,7 @@ class Lattice:
             steps=steps,
             strain=strain,
             orientations=self._components(TURN, 4),
-            large=np.concatenate(large),
+            large=np.concatenate([*large, self.fibers.large == LARGE]),
         )
 
     def failure(self, when: str) -> Failure:
@@ -163,14 +176,21 @@ class Lattice:
                     voxel,
                     when,
                 )
-        raise AssertionError("a lattice without fault has no failure")
+        row = int(np.flatnonzero(self.fibers.large == FOLDED)[0])
+        voxel, other = (self._voxel(int(cell)) for cell in self.fibers.cells[row])
+        return Failure(
+            f"a fiber folded: its element from voxel {voxel} to {other} has turned by more than a quarter turn; "
+            "check the moduli and the strain",
+            voxel,
+            when,
+        )
 
     def _components(self, at: int, count: int) -> NDArray[np.float64]:
         columns = [plane(self.planes, at + c * PLANE)[self.cells] for c in range(count)]
         return np.column_stack(columns).astype(np.float64)
 
     def _link_ends(self) -> list[int]:
-        return list(np.cumsum([self._linked[axis.number].size for axis in AXES])[:-1])
+        return list(np.cumsum([self._linked[axis.number].size for axis in AXES]))
 
     @staticmethod
     def _voxel(cell: int) -> tuple[int, int, int]:

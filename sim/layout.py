@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.geometry import GRID
-from sim.kernel import ONE, TWO, ZERO
+from sim.kernel import ONE, TWO, ZERO, inlined
+from sim.quaternion import Quaternion, Vector
 
 # Of either precision; a type checker takes it for the double one.
 Planes = NDArray[np.float64]
@@ -71,3 +72,26 @@ CHECKED = SOFTNESS + PLANE
 CHANGE = CHECKED + 3 * PLANE
 SUMS = CHANGE + 3 * PLANE
 EQUILIBRIUM_SIZE = SUMS + PLANE
+
+
+@inlined
+def vector_at(planes: Planes, at: int, n: int) -> Vector:
+    """The vector of cell n whose components are the planes from `at` on."""
+    return planes[at + n], planes[at + PLANE + n], planes[at + 2 * PLANE + n]
+
+
+@inlined
+def put_vector(planes: Planes, at: int, n: int, v: Vector) -> None:
+    """Set the vector of cell n whose components are the planes from `at` on."""
+    planes[at + n], planes[at + PLANE + n], planes[at + 2 * PLANE + n] = v
+
+
+@inlined
+def quaternion_at(planes: Planes, n: int) -> Quaternion:
+    """The orientation of cell n."""
+    return (
+        planes[TURN + n],
+        planes[TURN + PLANE + n],
+        planes[TURN + 2 * PLANE + n],
+        planes[TURN + 3 * PLANE + n],
+    )

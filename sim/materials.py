@@ -32,3 +32,8 @@ class Materials:
         """Modulus of each material code in bending, shear and twist, float64 (5,); EMPTY has none (0)."""
         jammed_pa = self.jammed_pa if self.jammed_bending_pa is None else self.jammed_bending_pa
         return np.array([0.0, self.passive_pa, self.expanding_pa, jammed_pa, self.unjammed_pa])
+
+
+# Jamming multiplies a fiber's stiffness in tension by more than 20 but in bending by only about 2
+# (docs/reference/published-experiment.md); a voxel of one modulus raises both together.
+MEASURED_JAMMING = Materials(jammed_pa=20 * 68_900.0, jammed_bending_pa=2 * 68_900.0)

@@ -1,5 +1,6 @@
 """All links of a lattice at once: from where the voxels are to what pulls at them."""
 
+from sim.face_fibers import FaceFibers, pull_fibers
 from sim.kernel import HALF, ONE, ZERO, inlined
 from sim.law import Constants, Strains, beam, deformed, is_large, plus, seen_from, unwind, wind
 from sim.layout import (
@@ -15,12 +16,14 @@ from sim.layout import (
     REGIME,
     SMALL,
     SWELLING,
-    TURN,
     Axis,
     Planes,
     X,
     Y,
     Z,
+    put_vector,
+    quaternion_at,
+    vector_at,
 )
 from sim.quaternion import (
     Quaternion,
@@ -31,29 +34,6 @@ from sim.quaternion import (
     matrix,
     product_without_x,
 )
-
-
-@inlined
-def vector_at(planes: Planes, at: int, n: int) -> Vector:
-    """The vector of cell n whose components are the planes from `at` on."""
-    return planes[at + n], planes[at + PLANE + n], planes[at + 2 * PLANE + n]
-
-
-@inlined
-def put_vector(planes: Planes, at: int, n: int, v: Vector) -> None:
-    """Set the vector of cell n whose components are the planes from `at` on."""
-    planes[at + n], planes[at + PLANE + n], planes[at + 2 * PLANE + n] = v
-
-
-@inlined
-def quaternion_at(planes: Planes, n: int) -> Quaternion:
-    """The orientation of cell n."""
-    return (
-        planes[TURN + n],
-        planes[TURN + PLANE + n],
-        planes[TURN + 2 * PLANE + n],
-        planes[TURN + 3 * PLANE + n],
-    )
 
 
 @inlined
@@ -133,13 +113,16 @@ def put_load(planes: Planes, at: int, n: int, here: bool, v: Vector) -> None:
 
 
 @inlined
-def pull(planes: Planes, law: Constants, strain: float, damped: float, remembers: bool) -> bool:
-    """The loads of all links at a strain of the expanding layer; returns whether any is folded.
+def pull(
+    planes: Planes, fibers: FaceFibers, law: Constants, strain: float, damped: float, remembers: bool
+) -> bool:
+    """The loads of all links and fibers at a strain of the expanding layer; returns whether any is folded.
 
     `remembers`: the links keep their strains and damp the change; `damped` is 1, or 0 where there is no
     history yet.
     """
-    folded = pull_along(planes, law, Z, strain, damped, remembers)
+    folded = pull_fibers(planes, fibers, law, damped, remembers)
+    folded = pull_along(planes, law, Z, strain, damped, remembers) | folded
     folded = pull_along(planes, law, Y, strain, damped, remembers) | folded
     return pull_along(planes, law, X, strain, damped, remembers) | folded
 

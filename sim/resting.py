@@ -20,8 +20,9 @@ from sim.layout import (
     VELOCITY,
     VOXEL,
     Planes,
+    put_vector,
+    vector_at,
 )
-from sim.pull import put_vector, vector_at
 from sim.quaternion import Vector
 
 # The voxels' own inertia, per their stiffness, that moments turn. Places alone do not show it, but a row of

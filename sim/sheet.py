@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -15,6 +16,7 @@ from sim.materials import EMPTY, EXPANDING, JAMMED, PASSIVE, UNJAMMED, Materials
 from sim.raster import line_cells
 
 Face = Literal["top", "bottom"]
+FiberModel = Literal["voxels", "elements"]
 FACE_LAYER: dict[Face, int] = {"top": 2, "bottom": 0}
 
 
@@ -27,22 +29,36 @@ class Fiber:
     end_m: tuple[float, float]
 
 
+@dataclass(frozen=True)
+class FaceElement:
+    """A piece of fiber glued onto a face, from column to neighbouring column (i, j), a diagonal one included."""
+
+    face: Face
+    start: tuple[int, int]
+    end: tuple[int, int]
+    jammed: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Sheet:
     """The material code of every voxel, int8 (28, 28, 3) as (i, j, k), read-only, and the materials.
 
+    `face_elements` are fibers on the faces beside those that are voxels (`sim.face_fibers`).
+
     Raises:
-        SimError: the array is not a connected sheet of known materials, or a property of theirs is not
-            finite and positive.
+        SimError: the array is not a connected sheet of known materials, a property of theirs is not
+            finite and positive, or an element is not between neighbours on the sheet.
     """
 
     material: NDArray[np.int8]
     materials: Materials = field(default_factory=Materials)
+    face_elements: tuple[FaceElement, ...] = ()
 
     def __post_init__(self) -> None:
         _check_codes(self.material)
         _check_connected(self.material)
         _check_materials(self.materials)
+        _check_elements(self.material, self.face_elements)
         own = self.material.astype(np.int8)
         own.flags.writeable = False
         object.__setattr__(self, "material", own)
@@ -62,10 +78,12 @@ def build_sheet(
     jammed: Sequence[bool],
     geometry: Geometry = PUBLISHED,
     materials: Materials | None = None,
+    fibers_as: FiberModel = "voxels",
 ) -> Sheet:
     """Lay fibers into the faces of a bare sheet; `jammed[n]` tells whether fiber n is stiffened.
 
-    A voxel under any jammed fiber is jammed, in whatever order the fibers come.
+    As "voxels" they replace the passive ones of the face, as published: a voxel under any jammed fiber is
+    jammed, in whatever order the fibers come. As "elements" they lie on the face, each beside the others.
 
     Raises:
         SimError: the two sequences differ in length, or a fiber's face or end is not on the sheet.
@@ -76,12 +94,17 @@ def build_sheet(
     material = np.full(GRID, EMPTY, np.int8)
     for k, code in enumerate((PASSIVE, EXPANDING, PASSIVE)):
         material[sheet_columns, k] = code
+    elements: list[FaceElement] = []
     for fiber, is_jammed in sorted(zip(fibers, jammed, strict=True), key=lambda pair: pair[1]):
         if fiber.face not in FACE_LAYER:
             raise SimError(f"a fiber is on face {fiber.face!r}: use 'top' or 'bottom'")
-        for i, j in line_cells(column_at(geometry, *fiber.start_m), column_at(geometry, *fiber.end_m)):
+        cells = line_cells(column_at(geometry, *fiber.start_m), column_at(geometry, *fiber.end_m))
+        if fibers_as == "elements":
+            elements += [FaceElement(fiber.face, a, b, is_jammed) for a, b in pairwise(cells)]
+            continue
+        for i, j in cells:
             material[i, j, FACE_LAYER[fiber.face]] = JAMMED if is_jammed else UNJAMMED
-    return Sheet(material, materials or Materials())
+    return Sheet(material, materials or Materials(), tuple(elements))
 
 
 def _check_codes(material: NDArray[np.int8]) -> None:
@@ -118,6 +141,23 @@ def _check_materials(materials: Materials) -> None:
         value = getattr(materials, entry.name)
         if value is not None and not (math.isfinite(value) and value > 0):
             raise SimError(f"materials.{entry.name} is {value}: give a finite value above 0")
+
+
+def _check_elements(material: NDArray[np.int8], elements: Sequence[FaceElement]) -> None:
+    for element in elements:
+        k = FACE_LAYER[element.face]
+        for column in (element.start, element.end):
+            if min(column) < 0 or max(column) >= GRID[0] or material[(*column, k)] == EMPTY:
+                raise SimError(
+                    f"a fiber's element on the {element.face} face ends at column {column}, where there is "
+                    "no voxel: keep fibers on the sheet"
+                )
+        apart = max(abs(b - a) for a, b in zip(element.start, element.end, strict=True))
+        if apart != 1:
+            raise SimError(
+                f"a fiber's element goes from column {element.start} to {element.end}, but an "
+                "element joins neighbours: give one for each step"
+            )
 
 
 def _first(mask: NDArray[np.bool_]) -> tuple[int, int, int]:

@@ -45,7 +45,9 @@ class Twins:
         # Critical damping at the published step, in the lattice's units: 4 pi over half the change.
         gain = 4 * np.pi * np.sqrt(self.lattice.modulus_pa * L) if damped else 1e-300
         pull_voxels(self.links, self.oracle, STRAIN, gain)
-        self.folded = pull(self.lattice.planes, self.law, self.real(STRAIN), self.real(damped), True)
+        self.folded = pull(
+            self.lattice.planes, self.lattice.fibers, self.law, self.real(STRAIN), self.real(damped), True
+        )
         to_world = Rotation.from_quat(self.oracle.orientation, scalar_first=True)
         force = to_world.apply(self.oracle.force_n) / (self.lattice.modulus_pa * L**2)
         moment = to_world.apply(self.oracle.moment_nm) / (self.lattice.modulus_pa * L**3)
@@ -107,8 +109,8 @@ def test_a_link_whose_ends_pass_each_other_is_folded(axis, voxel_pair):
         moves = np.zeros((2, 3))
         moves[0, axis] = along
         twins.put(moves, np.zeros((2, 3)))
-        pull(twins.lattice.planes, twins.law, 0.0, 0.0, True)
-        assert pull(twins.lattice.planes, twins.law, 0.0, 0.0, True) == folded
+        pull(twins.lattice.planes, twins.lattice.fibers, twins.law, 0.0, 0.0, True)
+        assert pull(twins.lattice.planes, twins.lattice.fibers, twins.law, 0.0, 0.0, True) == folded
 
 
 def test_empty_cells_pull_at_nothing_and_are_not_pulled(load_golden):
