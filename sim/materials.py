@@ -7,6 +7,19 @@ from numpy.typing import NDArray
 
 EMPTY, PASSIVE, EXPANDING, JAMMED, UNJAMMED = range(5)
 
+# From softer than any gel that holds its own shape to stiffer than any jamming fiber, in Pa.
+MODULUS_BOUNDS_PA = (1e3, 1e9)
+# Lowest and highest value of every property. A foam weighs above 100 kg/m^3, tungsten 19 300.
+BOUNDS = {
+    "passive_pa": MODULUS_BOUNDS_PA,
+    "expanding_pa": MODULUS_BOUNDS_PA,
+    "jammed_pa": MODULUS_BOUNDS_PA,
+    "jammed_bending_pa": MODULUS_BOUNDS_PA,
+    "unjammed_pa": MODULUS_BOUNDS_PA,
+    "density_kg_m3": (100.0, 20_000.0),
+    "expansion_per_degree": (1e-6, 1.0),
+}
+
 
 @dataclass(frozen=True)
 class Materials:

@@ -1,6 +1,5 @@
 """A sheet: which material is in which voxel, and how fibers are laid into it."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
@@ -12,7 +11,7 @@ from scipy import ndimage
 
 from sim.errors import SimError
 from sim.geometry import GRID, PITCH_M, PUBLISHED, Geometry, column_at, columns
-from sim.materials import EMPTY, EXPANDING, JAMMED, PASSIVE, UNJAMMED, Materials
+from sim.materials import BOUNDS, EMPTY, EXPANDING, JAMMED, PASSIVE, UNJAMMED, Materials
 from sim.raster import line_cells
 
 Face = Literal["top", "bottom"]
@@ -46,8 +45,8 @@ class Sheet:
     `face_elements` are fibers on the faces beside those that are voxels (`sim.face_fibers`).
 
     Raises:
-        SimError: the array is not a connected sheet of known materials, a property of theirs is not
-            finite and positive, or an element is not between neighbours on the sheet.
+        SimError: the array is not a connected sheet of known materials, a property of theirs is out of its
+            bounds (`sim.materials.BOUNDS`), or an element is not between neighbours on the sheet.
     """
 
     material: NDArray[np.int8]
@@ -110,7 +109,8 @@ def build_sheet(
 def _check_codes(material: NDArray[np.int8]) -> None:
     if material.shape != GRID:
         raise SimError(f"the material array has shape {material.shape}: a sheet has {GRID}, as (i, j, k)")
-    if not np.issubdtype(material.dtype, np.integer):
+    # Not numpy.issubdtype: to that, a time span is an integer.
+    if material.dtype.kind not in "iu":
         raise SimError(f"the material array is of {material.dtype}: give integer codes {EMPTY} to {UNJAMMED}")
     wrong = (material < EMPTY) | (material > UNJAMMED)
     if wrong.any():
@@ -139,8 +139,12 @@ def _check_connected(material: NDArray[np.int8]) -> None:
 def _check_materials(materials: Materials) -> None:
     for entry in fields(materials):
         value = getattr(materials, entry.name)
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise SimError(f"materials.{entry.name} is {value}: give a finite value above 0")
+        lowest, highest = BOUNDS[entry.name]
+        # Written so that NaN, which compares with nothing, is refused; None follows another property.
+        if value is not None and not lowest <= value <= highest:
+            raise SimError(
+                f"materials.{entry.name} is {value:g}: give a value from {lowest:g} to {highest:g}"
+            )
 
 
 def _check_elements(material: NDArray[np.int8], elements: Sequence[FaceElement]) -> None:
