@@ -30,6 +30,8 @@ _OF_RESULTS = {
     "geometry",
 }
 _LOOKS_LIKE_PHYSICS = re.compile(r"modul|strain|stiff|density|expansion|poisson|pitch|_[kmg]?pa(_|$)")
+# What NumPy and zipfile raise at files that are damaged, pickled, encrypted or lie about their size.
+_UNREADABLE = (ValueError, EOFError, KeyError, RuntimeError, MemoryError, zlib.error, zipfile.BadZipFile)
 # A material map of the widest integers has 19 kB.
 _MAX_ARRAY_BYTES = 100_000
 
@@ -67,10 +69,8 @@ def read_voxels(path: Path) -> VoxelFile:
             )
     numbers = {key: _number(path, key, array) for key, array in arrays.items() if key != "material"}
     _check_pitch(path, numbers.pop("pitch_m", PITCH_M))
-    strain = numbers.pop("strain", None)
     try:
-        if strain is not None:
-            check_strain(strain)
+        strain = check_strain(numbers.pop("strain")) if "strain" in numbers else None
         sheet = Sheet(arrays["material"], Materials(**numbers))
     except SimError as error:
         raise BadInput(f"{path}: {error}") from error
@@ -88,9 +88,10 @@ def cut_of(sheet: Sheet) -> Geometry | None:
 
 def _arrays(path: Path) -> tuple[list[str], dict[str, NDArray[Any]]]:
     """The keys of an archive, and its arrays that are read here."""
-    if path.exists() and not path.is_file():
-        raise BadInput(f"{path}: is not a file; name an .npz")
     try:
+        # Opening a pipe would wait for whoever writes to it.
+        if path.exists() and not path.is_file():
+            raise BadInput(f"{path}: is not a file; name an .npz")
         # Opened here because zipfile takes a file that it cannot open for one that is no archive.
         with path.open("rb") as stream:
             if not zipfile.is_zipfile(stream):
@@ -103,7 +104,7 @@ def _arrays(path: Path) -> tuple[list[str], dict[str, NDArray[Any]]]:
                 return list(archive.files), {key: _array(path, archive, key) for key in wanted}
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, EOFError, KeyError, RuntimeError, zlib.error, zipfile.BadZipFile) as error:
+    except _UNREADABLE as error:
         raise BadInput(f"{path}: cannot be read as .npz: {error}; write one with numpy.savez") from error
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from labctl.cli.main import run
+from sim.shape import Failure
 
 GOLDEN = ("flat", "cylinder_known", "sphere_known", "random0_first", "random0_second")
 
@@ -79,3 +80,137 @@ def test_the_voxel_file_is_never_overwritten(golden, capsys):
     path = str(golden / "flat.npz")
     assert run(["simulate", "--voxels", path, "--out", path]) == 2
     assert "would overwrite" in capsys.readouterr().err
+
+
+@pytest.fixture
+def slab(tmp_path):
+    """A voxel file of a small sheet, quickly solved; stiffer on its top face so that it bends."""
+    material = np.zeros((28, 28, 3), np.int8)
+    material[10:20, 10:18] = 1, 2, 1
+    material[10:20, 12, 2] = 3
+
+    def write(name="slab.npz", **more):
+        np.savez(tmp_path / name, **({"material": material} | more))
+        return str(tmp_path / name)
+
+    return write
+
+
+def told(capsys, *arguments):
+    code = run(["simulate", *arguments, "--json"])
+    streams = capsys.readouterr()
+    return code, json.loads(streams.out), streams.err
+
+
+def test_a_shape_can_be_seen_and_taken_away(tmp_path, slab, capsys):
+    plot, out = tmp_path / "slab.png", tmp_path / "slab.vtu"
+    code, result, _ = told(capsys, "--voxels", slab(), "--plot", str(plot), "--out", str(out))
+
+    assert code == 0
+    assert (result["plot"], result["out"]) == (str(plot), str(out))
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    assert b'type="UnstructuredGrid"' in out.read_bytes()[:200]
+
+
+def test_people_are_told_what_was_written(tmp_path, slab, capsys):
+    assert run(["simulate", "--voxels", slab(), "--out", str(tmp_path / "again.npz")]) == 0
+    out = capsys.readouterr().out
+    assert f"written: {tmp_path / 'again.npz'}" in out
+    assert "of no known cut" in out
+
+
+def test_a_voxel_files_own_physics_counts(slab, capsys):
+    _, published, _ = told(capsys, "--voxels", slab())
+    _, softer, _ = told(capsys, "--voxels", slab(jammed_pa=100_000.0))
+
+    assert published["highest_mm"] - published["lowest_mm"] > 1.1 * (
+        softer["highest_mm"] - softer["lowest_mm"]
+    )
+
+
+def test_a_voxel_files_own_strain_is_held(slab, capsys):
+    _, result, err = told(capsys, "--voxels", slab(strain=0.1))
+    assert (result["strain"], result["geometry"], err) == (0.1, None, "")
+
+
+def test_the_command_lines_strain_wins_and_says_so(slab, capsys):
+    _, result, err = told(capsys, "--voxels", slab(strain=0.1), "--strain", "0.05")
+    assert result["strain"] == 0.05
+    assert "its strain 0.1 is left aside: --strain 0.05 is held" in err
+
+
+def test_a_result_at_rest_can_go_through_the_published_protocol(tmp_path, slab, capsys):
+    told(capsys, "--voxels", slab(), "--out", str(tmp_path / "rest.npz"))
+    code, result, err = told(
+        capsys,
+        "--voxels",
+        str(tmp_path / "rest.npz"),
+        "--solver",
+        "dynamic",
+        "--out",
+        str(tmp_path / "moving.npz"),
+    )
+
+    assert (code, result["strain"]) == (0, None)
+    assert "left aside: the published protocol has its own inflation" in err
+    with np.load(tmp_path / "moving.npz") as moving:
+        assert "strain" not in moving
+
+
+def test_keys_that_mean_nothing_are_named_on_standard_error(slab, capsys):
+    code, _, err = told(capsys, "--voxels", slab(author="somebody"))
+    assert (code, err.count("\n")) == (0, 1)
+    assert "author means nothing here and is ignored" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--strain", "nan"], "strain nan is outside 0 to 0.6"),
+        (["--strain", "inf"], "strain inf is outside"),
+        (["--strain", "-1"], "strain -1 is outside"),
+        (["--strain", "5"], "strain 5 is outside"),
+        (["--design", "known"], "needs no design"),
+        (["--out", "none/slab.npz"], "there is no folder none"),
+        (["--out", "."], "ends in .npz or .vtu"),
+        (["--plot", "slab.jpg"], "ends in .png or .svg or .pdf"),
+        (["--plot", "none/slab.png"], "there is no folder none"),
+        (["--out", "slab.npz"], "would overwrite the voxel file"),
+        (["--out", "link.npz"], "would overwrite the voxel file"),
+        (["--out", "folder.npz"], "is not a file"),
+        (["--out", "protected.npz"], "read-only"),
+        (["--plot", "protected.png"], "read-only"),
+    ],
+)
+def test_every_refusal_is_one_line_of_json(tmp_path, monkeypatch, slab, capsys, arguments, words):
+    slab()
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.npz").mkdir()
+    (tmp_path / "link.npz").symlink_to("slab.npz")
+    for name in ("protected.npz", "protected.png"):
+        (tmp_path / name).touch(mode=0o444)
+
+    code, result, err = told(capsys, "--voxels", "slab.npz", *arguments)
+
+    assert code == 2
+    assert words in result["error"]
+    assert err.count("\n") == 1
+
+
+def test_plot_and_out_need_a_file_each(tmp_path, slab, capsys):
+    (tmp_path / "both.vtu").touch()
+    (tmp_path / "both.png").symlink_to("both.vtu")
+    code, result, _ = told(
+        capsys, "--voxels", slab(), "--out", str(tmp_path / "both.vtu"), "--plot", str(tmp_path / "both.png")
+    )
+    assert (code, "give each its own file" in result["error"]) == (2, True)
+
+
+def test_a_sheet_without_a_shape_says_where_and_when(slab, capsys, monkeypatch):
+    failure = Failure("the lattice diverged", (13, 12, 2), "at step 5 of 10")
+    monkeypatch.setattr("labctl.subject.equilibrium", lambda sheet, strain: failure)
+
+    code, result, _ = told(capsys, "--voxels", slab())
+
+    assert code == 2
+    assert "the lattice diverged at voxel (i, j, k) = (13, 12, 2), at step 5 of 10" in result["error"]

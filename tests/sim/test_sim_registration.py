@@ -1,8 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sim.registration import register
+from sim.registration import register, register_orientations
 from sim.shape import Shape
 from sim.sheet import rest_positions_m
 
@@ -46,3 +48,13 @@ def test_a_row_of_voxels_is_laid_back_along_itself(axis, voxel_pair):
     rest_m = rest_positions_m(sheet)
     moved_m = Rotation.from_rotvec([1.0, 1.0, 1.0]).apply(rest_m)
     np.testing.assert_allclose(register(sheet, shape_at(moved_m)), rest_m, atol=1e-12)
+
+
+def test_orientations_are_turned_with_the_sheet(load_golden):
+    sheet = load_golden("random0_first").sheet
+    rest_m = rest_positions_m(sheet)
+    turn = Rotation.from_rotvec([0.5, -2.0, 1.0])
+    bent = Rotation.from_rotvec(rest_m * [3.0, -2.0, 40.0])
+    shape = replace(shape_at(turn.apply(rest_m)), orientations=(turn * bent).as_quat(scalar_first=True))
+    registered = Rotation.from_quat(register_orientations(sheet, shape), scalar_first=True)
+    assert (registered * bent.inv()).magnitude().max() < 1e-12

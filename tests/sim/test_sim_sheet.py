@@ -5,7 +5,7 @@ import pytest
 
 from sim.errors import SimError
 from sim.geometry import CENTRED
-from sim.materials import EMPTY, EXPANDING, JAMMED, PASSIVE, UNJAMMED, Materials
+from sim.materials import BOUNDS, EMPTY, EXPANDING, JAMMED, PASSIVE, UNJAMMED, Materials
 from sim.sheet import Fiber, Sheet, build_sheet, rest_positions_m
 
 ALONG_X = Fiber("top", (0.020, 0.070), (0.120, 0.070))
@@ -78,6 +78,9 @@ def _material(**voxels):
         (np.zeros((28, 28, 3), np.int8), "no voxel"),
         (np.ones((27, 27, 3), np.int8), r"shape \(27, 27, 3\)"),
         (np.ones((28, 28, 3)), "float64"),
+        (np.ones((28, 28, 3), bool), "bool"),
+        (np.ones((28, 28, 3), "m8[s]"), "timedelta64"),
+        (np.full((28, 28, 3), 2**63, np.uint64), "code 9223372036854775808"),
         (_material(v13_13_0=7), r"voxel \(13, 13, 0\) has material code 7"),
         (_material(v13_13_1=-1), r"voxel \(13, 13, 1\) has material code -1"),
         (_material(v0_0_1=1), r"voxel \(0, 0, 1\) has no neighbour"),
@@ -89,10 +92,16 @@ def test_an_array_that_is_no_sheet_is_refused(material, message):
         Sheet(material)
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_property_that_is_not_finite_and_positive_is_refused(value):
-    with pytest.raises(SimError, match=r"materials\.jammed_pa"):
+@pytest.mark.parametrize("value", [0.0, -1.0, 999.0, 1.1e9, float("nan"), float("inf")])
+def test_a_property_out_of_its_bounds_is_refused(value):
+    with pytest.raises(SimError, match=r"materials\.jammed_pa is .* from 1000 to 1e\+09"):
         build_sheet([], [], materials=Materials(jammed_pa=value))
+
+
+def test_every_property_has_bounds_around_its_default():
+    defaults = vars(Materials())
+    assert BOUNDS.keys() == defaults.keys()
+    assert all(BOUNDS[name][0] < value < BOUNDS[name][1] for name, value in defaults.items())
 
 
 def test_a_sheet_keeps_its_own_read_only_material():
