@@ -128,7 +128,7 @@ def test_measured_table_with_a_missing_point(refused, tmp_path):
         (("--pattern", "sphere", "--pressure", "-1 psi"), "below 0"),
         ((), "either --pattern or --voxels"),
         (("--voxels", "nowhere.npz"), "nowhere.npz"),
-        (("--voxels", os.devnull), "is not an .npz file"),
+        (("--voxels", os.devnull), "is not a file"),
         (("--pattern", "sphere", "--out", "shape.txt"), ".npz"),
         (("--pattern", "sphere", "--out", "nowhere/shape.npz"), "no folder"),
     ],
