@@ -49,46 +49,48 @@ def _write_npz(path: Path, simulated: Simulated) -> None:
 
 def _write_vtu(path: Path, simulated: Simulated) -> None:
     """Hexahedra in the sheet frame, metres; pyevtk's own one-call writer puts field data where no reader looks."""
-    sheet, subject = simulated.subject.sheet, simulated.subject
-    points_m, rest_m, cells = hexahedra(
-        sheet, simulated.positions_m, simulated.orientations, simulated.strain
-    )
-    voxels = sheet.voxels()
-    points = {"points": _vectors(sheet_frame_m(subject, points_m))}
-    topology: dict[str, _Columns] = {
-        "connectivity": cells.ravel(),
-        "offsets": np.arange(1, len(cells) + 1) * cells.shape[1],
-        "types": np.full(len(cells), VtkHexahedron.tid, np.uint8),
-    }
-    of_points = {"displacement_m": _vectors(points_m - rest_m)}
-    of_cells: dict[str, _Columns] = {
-        "material": sheet.material[tuple(voxels.T)],
-        "voxel_ijk": _vectors(voxels),
-        "displacement_m": _vectors(simulated.positions_m - rest_positions_m(sheet)),
-    }
+    sections = _sections(simulated)
     file = VtkFile(str(path.with_suffix("")), VtkUnstructuredGrid)
     try:
         file.openGrid()
         _add_field_data(file, simulated)
-        file.openPiece(npoints=len(points_m), ncells=len(cells))
-        for section, arrays in (
-            ("Points", points),
-            ("Cells", topology),
-            ("PointData", of_points),
-            ("CellData", of_cells),
-        ):
+        file.openPiece(npoints=len(sections["Points"]["points"][0]), ncells=len(simulated.positions_m))
+        for section, arrays in sections.items():
             file.openElement(section)
             for name, columns in arrays.items():
                 file.addData(name, columns)
             file.closeElement(section)
         file.closePiece()
         file.closeGrid()
-        for arrays in (points, topology, of_points, of_cells):
+        for arrays in sections.values():
             for columns in arrays.values():
                 file.appendData(columns)
         file.save()
     finally:
         file.xml.stream.close()
+
+
+def _sections(simulated: Simulated) -> dict[str, dict[str, _Columns]]:
+    """The arrays of each section of the file, in the order in which they are declared and appended."""
+    sheet = simulated.subject.sheet
+    voxels = sheet.voxels()
+    points_m, rest_m, cells = hexahedra(
+        sheet, simulated.positions_m, simulated.orientations, simulated.strain
+    )
+    return {
+        "Points": {"points": _vectors(sheet_frame_m(simulated.subject, points_m))},
+        "Cells": {
+            "connectivity": cells.ravel(),
+            "offsets": np.arange(1, len(cells) + 1) * cells.shape[1],
+            "types": np.full(len(cells), VtkHexahedron.tid, np.uint8),
+        },
+        "PointData": {"displacement_m": _vectors(points_m - rest_m)},
+        "CellData": {
+            "material": sheet.material[tuple(voxels.T)],
+            "voxel_ijk": _vectors(voxels),
+            "displacement_m": _vectors(simulated.positions_m - rest_positions_m(sheet)),
+        },
+    }
 
 
 def _add_field_data(file: VtkFile, simulated: Simulated) -> None:
