@@ -101,7 +101,8 @@ def test_a_property_out_of_its_bounds_is_refused(value):
 def test_every_property_has_bounds_around_its_default():
     defaults = vars(Materials())
     assert BOUNDS.keys() == defaults.keys()
-    assert all(BOUNDS[name][0] < value < BOUNDS[name][1] for name, value in defaults.items())
+    said = {name: value for name, value in defaults.items() if value is not None}
+    assert all(BOUNDS[name][0] < value < BOUNDS[name][1] for name, value in said.items())
 
 
 def test_a_sheet_keeps_its_own_read_only_material():
