@@ -35,16 +35,11 @@ from sim.layout import (
 )
 from sim.pull import load_on, pull
 from sim.quaternion import turned
-from sim.resting import moved, residual, stop_turning
+from sim.resting import INERTIA_PER_STIFFNESS, MASS_PER_STIFFNESS, moved, residual, stop_turning
 from sim.shape import Failure, Shape
 from sim.sheet import Sheet
 from sim.strain import MAX_STRAIN, check_strain
 
-# Fictitious mass per sum of E L over a voxel's links, and inertia per that times L^2. Gershgorin's bound on
-# the lattice's highest frequency, with rotations counted in units of 1.5 L, makes a unit step stable from 2/3
-# and 1/2 upwards.
-MASS_PER_STIFFNESS = 0.67
-INERTIA_PER_STIFFNESS = 0.5
 # Of the critical damping of the motion in progress: it is stiffer than the slowest motion, which counts.
 DAMPING_SHARE = 0.5
 MAX_DAMPING = 1.9

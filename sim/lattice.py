@@ -200,9 +200,9 @@ class Lattice:
 
 def _linked(axis: Axis, there: NDArray[np.bool_]) -> NDArray[np.intp]:
     """The cells that are N of a link along an axis: there is a voxel in both, and no edge between."""
-    index = np.arange(CELLS).reshape(GRID[::-1])
-    lower = np.moveaxis(index, 2 - axis.number, 0)[:-1].ravel()
-    return np.sort(lower[there[lower] & there[lower + axis.step]])
+    inner = np.ones(GRID[::-1], np.bool_)
+    np.moveaxis(inner, 2 - axis.number, 0)[-1] = False
+    return np.flatnonzero(inner.ravel()[: -axis.step] & there[: -axis.step] & there[axis.step :])
 
 
 def _in_series(axis: Axis, pa: NDArray[np.float64], n: NDArray[np.intp]) -> NDArray[np.float64]:
