@@ -12,6 +12,7 @@ from sim.equilibrium import equilibrium
 from sim.errors import SimError
 from sim.geometry import column_at, geometry
 from sim.heights import material_points, resting_offset_m
+from sim.materials import MEASURED_JAMMING, Materials
 from sim.registration import register
 from sim.shape import Failure, Shape
 from sim.sheet import Fiber, Sheet, build_sheet
@@ -63,12 +64,16 @@ def sheet_of(design: Design, pattern: str) -> Sheet:
                 column_at(cut, *_metres(end_mm))
             except SimError as error:
                 raise BadInput(f"{design.source}: fibers[id {fiber.id}].{key}: {error}") from error
+    states = [fiber.id in jammed for fiber in design.fibers]
     try:
-        return build_sheet(
-            fibers, [fiber.id in jammed for fiber in design.fibers], geometry(design.sheet.geometry)
-        )
+        return build_sheet(fibers, states, cut, materials_of(design), design.physics.fibers)
     except SimError as error:
         raise BadInput(f"design {design.name} ({design.source}): {error}") from error
+
+
+def materials_of(design: Design) -> Materials:
+    """The materials of a design's sheet in the simulator."""
+    return {"published": Materials(), "measured": MEASURED_JAMMING}[design.physics.jamming]
 
 
 def simulate_pattern(

@@ -14,6 +14,7 @@ from sim.dynamic import dynamic
 from sim.equilibrium import equilibrium
 from sim.errors import SimError
 from sim.geometry import PITCH_M, PUBLISHED, Geometry, geometry
+from sim.kernel import Precision
 from sim.registration import register, register_orientations
 from sim.shape import Failure
 from sim.sheet import Sheet, rest_positions_m
@@ -98,7 +99,7 @@ def voxel_subject(file: VoxelFile, strain: float | None = None) -> Subject:
     )
 
 
-def solve(subject: Subject, solver: SolverName) -> Simulated:
+def solve(subject: Subject, solver: SolverName, precision: Precision = "float32") -> Simulated:
     """The shape of a subject.
 
     Raises:
@@ -106,7 +107,10 @@ def solve(subject: Subject, solver: SolverName) -> Simulated:
     """
     sheet = subject.sheet
     try:
-        shape = dynamic(sheet) if solver == "dynamic" else equilibrium(sheet, subject.strain)
+        if solver == "dynamic":
+            shape = dynamic(sheet, precision=precision)
+        else:
+            shape = equilibrium(sheet, subject.strain, precision=precision)
     except SimError as error:
         raise BadInput(f"{subject.name}: {error}") from error
     if isinstance(shape, Failure):

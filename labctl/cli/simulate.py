@@ -1,7 +1,8 @@
 """`labctl simulate`: the shape of a pattern of a design, or of any map of materials."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 from click.core import ParameterSource
@@ -10,10 +11,33 @@ from labctl.cli.output import emit_json, table
 from labctl.cli.rigs import design_option, json_option
 
 if TYPE_CHECKING:
+    from labctl.config.design import Design
     from labctl.subject import Simulated, Subject
+    from labctl.targets.comparison import TargetComparison
+    from sim.targets.target import Target
 
 _OUT_FORMATS = (".npz", ".vtu")
 _PLOT_FORMATS = (".png", ".svg", ".pdf")
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What the command line asks for."""
+
+    pattern: str | None
+    voxel_path: Path | None
+    solver: Literal["equilibrium", "dynamic"]
+    strain: float | None
+    pressure_text: str | None
+    precision: Literal["float32", "float64"]
+    fibers: Literal["voxels", "elements"] | None
+    jamming: Literal["published", "measured"] | None
+    target_words: str | None
+    surface: Literal["top", "bottom", "mid"]
+    scoring: str
+    plot_path: Path | None
+    out_path: Path | None
+    design_name: str
 
 
 @click.command()
@@ -40,6 +64,42 @@ _PLOT_FORMATS = (".png", ".svg", ".pdf")
     "--pressure", "pressure_text", help="Instead of --strain: the gauge pressure to hold, '3.9 psi'."
 )
 @click.option(
+    "--precision",
+    type=click.Choice(["float32", "float64"]),
+    default="float32",
+    show_default=True,
+    help="Of the solver's arithmetic.",
+)
+@click.option(
+    "--fibers",
+    type=click.Choice(["voxels", "elements"]),
+    help="Fibers replace voxels, or lie on the face.  [default: the design's]",
+)
+@click.option(
+    "--jamming",
+    type=click.Choice(["published", "measured"]),
+    help="One modulus, or tension and bending apart.  [default: the design's]",
+)
+@click.option(
+    "--target",
+    "target_words",
+    help="Compare with pattern:NAME, sphere-cap:15mm, saddle:20mm, 'z = 0.01*x*y', FILE.csv[:COLUMN], ...",
+)
+@click.option(
+    "--surface",
+    type=click.Choice(["top", "bottom", "mid"]),
+    default="top",
+    show_default=True,
+    help="The surface whose heights --target is compared with.",
+)
+@click.option(
+    "--scoring",
+    type=click.Choice(["default", "published-sphere-cylinder", "published-saddles"]),
+    default="default",
+    show_default=True,
+    help="Which columns --target is compared at, and whether in whole mm.",
+)
+@click.option(
     "--plot",
     "plot_path",
     type=click.Path(path_type=Path),
@@ -53,121 +113,161 @@ _PLOT_FORMATS = (".png", ".svg", ".pdf")
 )
 @design_option
 @json_option
-def simulate(
-    pattern: str | None,
-    voxel_path: Path | None,
-    solver: Literal["equilibrium", "dynamic"],
-    strain: float | None,
-    pressure_text: str | None,
-    plot_path: Path | None,
-    out_path: Path | None,
-    design_name: str,
-    as_json: bool,
-) -> None:
+def simulate(as_json: bool, **options: Any) -> None:  # noqa: ANN401 - click's values, as _Wanted types them
     """Simulate a pattern (--pattern) or a voxel file (--voxels).
 
     At rest, positions are registered rigidly onto the undeformed sheet; the published protocol's are as they
     come.
     """
-    _check_choice(pattern, voxel_path, solver, strain, pressure_text)
-    _check_files(voxel_path, out_path, plot_path)
+    wanted = _Wanted(**options)
+    _check_choice(wanted)
+    _check_files(wanted)
 
     from labctl.subject import solve
     from sim.warm import compile_kernels
 
-    if voxel_path is not None:
-        subject = _of_voxels(voxel_path, solver, strain)
-    else:
-        subject = _of_pattern(design_name, str(pattern), strain, pressure_text)
-    compile_kernels(lambda text: click.echo(f"labctl: {text}", err=True))
-    simulated = solve(subject, solver)
-    _write(simulated, out_path, plot_path)
-    _tell(simulated, out_path, plot_path, as_json)
+    design = None if wanted.voxel_path is not None else _design(wanted)
+    subject = _of_voxels(wanted.voxel_path, wanted) if design is None else _of_pattern(design, wanted)
+    compile_kernels(lambda text: click.echo(f"labctl: {text}", err=True), wanted.solver, wanted.precision)
+    target = _target(wanted, design, subject)
+    simulated = solve(subject, wanted.solver, wanted.precision)
+    comparison = None if target is None else _compared(simulated, target, wanted)
+    _write(simulated, wanted)
+    _tell(simulated, comparison, wanted, as_json)
 
 
-def _of_voxels(voxel_path: Path, solver: str, strain: float | None) -> "Subject":
+def _design(wanted: _Wanted) -> "Design":
+    from labctl.config.design import FiberPhysics
+    from labctl.config.load import load_design
+
+    design = load_design(wanted.design_name)
+    fibers, jamming = wanted.fibers or design.physics.fibers, wanted.jamming or design.physics.jamming
+    return replace(design, physics=FiberPhysics(fibers, jamming))
+
+
+def _of_pattern(design: "Design", wanted: _Wanted) -> "Subject":
+    from labctl.config.quantity import pressure_psi
+    from labctl.subject import pattern_subject
+
+    held_psi = None if wanted.pressure_text is None else pressure_psi(wanted.pressure_text)
+    return pattern_subject(design, str(wanted.pattern), wanted.strain, held_psi)
+
+
+def _of_voxels(voxel_path: Path | None, wanted: _Wanted) -> "Subject":
     from labctl.subject import voxel_subject
     from labctl.voxel_files import read_voxels
 
-    file = read_voxels(voxel_path)
+    file = read_voxels(Path(str(voxel_path)))
     for key in file.ignored:
         click.echo(f"labctl: {voxel_path}: {key} means nothing here and is ignored", err=True)
-    if file.strain is not None and solver == "dynamic":
+    if file.strain is not None and wanted.solver == "dynamic":
         left_aside = "the published protocol has its own inflation"
-    elif file.strain is not None and strain is not None and strain != file.strain:
-        left_aside = f"--strain {strain:g} is held"
+    elif file.strain is not None and wanted.strain is not None and wanted.strain != file.strain:
+        left_aside = f"--strain {wanted.strain:g} is held"
     else:
         left_aside = None
     if left_aside is not None:
         click.echo(f"labctl: {voxel_path}: its strain {file.strain:g} is left aside: {left_aside}", err=True)
-    return voxel_subject(file, strain)
+    return voxel_subject(file, wanted.strain)
 
 
-def _of_pattern(design_name: str, pattern: str, strain: float | None, pressure_text: str | None) -> "Subject":
-    from labctl.config.load import load_design
-    from labctl.config.quantity import pressure_psi
-    from labctl.subject import pattern_subject
+def _target(wanted: _Wanted, design: "Design | None", subject: "Subject") -> "Target | None":
+    """The target, before the sheet itself is solved: a mistake in its words is told at once."""
+    if wanted.target_words is None:
+        return None
+    from labctl.simulation import sheet_of
+    from labctl.subject import solve
+    from labctl.targets.words import target_from_words
+    from sim.heights import height_field_m
 
-    design = load_design(design_name)
-    held_psi = None if pressure_text is None else pressure_psi(pressure_text)
-    return pattern_subject(design, pattern, strain, held_psi)
+    def pattern_heights_m(pattern: str) -> Any:  # noqa: ANN401 - an array; NumPy is not imported here
+        if design is None:
+            raise click.UsageError("a voxel file has no patterns to compare with")
+        other = replace(subject, sheet=sheet_of(design, pattern), name=f"target pattern:{pattern}")
+        solved = solve(other, wanted.solver, wanted.precision)
+        return height_field_m(other.sheet, solved.positions_m, wanted.surface)
+
+    return target_from_words(wanted.target_words, design, subject.cut, pattern_heights_m)
 
 
-def _write(simulated: "Simulated", out_path: Path | None, plot_path: Path | None) -> None:
-    if out_path is not None:
+def _compared(simulated: "Simulated", target: "Target", wanted: _Wanted) -> "TargetComparison":
+    from labctl.targets.comparison import compare_with_target
+    from sim.score import PRESETS
+
+    sheet, positions_m = simulated.subject.sheet, simulated.positions_m
+    return compare_with_target(target, sheet, positions_m, wanted.surface, PRESETS[wanted.scoring])
+
+
+def _write(simulated: "Simulated", wanted: _Wanted) -> None:
+    if wanted.out_path is not None:
         from labctl.shape_files import write_shape
 
-        write_shape(out_path, simulated)
-    if plot_path is not None:
+        write_shape(wanted.out_path, simulated)
+    if wanted.plot_path is not None:
         from labctl.report.sheet_plot import write_sheet_plot
 
-        write_sheet_plot(plot_path, simulated)
+        write_sheet_plot(wanted.plot_path, simulated)
 
 
-def _tell(simulated: "Simulated", out_path: Path | None, plot_path: Path | None, as_json: bool) -> None:
+def _tell(
+    simulated: "Simulated", comparison: "TargetComparison | None", wanted: _Wanted, as_json: bool
+) -> None:
     from labctl.report.sheet_summary import facts, headline, height_table
 
+    named = {"out": wanted.out_path, "plot": wanted.plot_path}
     if as_json:
-        named = {"out": out_path, "plot": plot_path}
-        emit_json(facts(simulated) | {key: path and str(path) for key, path in named.items()})
+        told = facts(simulated) | {key: path and str(path) for key, path in named.items()}
+        emit_json(told | {"target": None if comparison is None else comparison.for_machines()})
         return
     click.echo(headline(simulated))
     click.echo("")
     table(*height_table(simulated))
-    written = [str(path) for path in (out_path, plot_path) if path is not None]
+    if comparison is not None:
+        click.echo("\n" + "\n".join(comparison.for_people()))
+    written = [str(path) for path in named.values() if path is not None]
     if written:
         click.echo(f"\nwritten: {', '.join(written)}")
 
 
-def _check_choice(
-    pattern: str | None, voxel_path: Path | None, solver: str, strain: float | None, pressure_text: str | None
-) -> None:
-    if (pattern is None) == (voxel_path is None):
+def _check_choice(wanted: _Wanted) -> None:
+    of_voxels = wanted.voxel_path is not None
+    if (wanted.pattern is None) != of_voxels:
         raise click.UsageError("name what to simulate: either --pattern or --voxels")
-    if solver == "dynamic" and (strain is not None or pressure_text is not None):
+    if wanted.solver == "dynamic" and (wanted.strain is not None or wanted.pressure_text is not None):
         raise click.UsageError(
             "the published protocol (--solver dynamic) has its own inflation: --strain and --pressure go with "
             "--solver equilibrium"
         )
-    if strain is not None and pressure_text is not None:
+    if wanted.strain is not None and wanted.pressure_text is not None:
         raise click.UsageError("give --strain or --pressure, not both")
-    if voxel_path is not None and pressure_text is not None:
+    if of_voxels and wanted.pressure_text is not None:
         raise click.UsageError("a voxel file has no rated pressure: give --strain")
-    design_source = click.get_current_context().get_parameter_source("design_name")
-    if voxel_path is not None and design_source is not ParameterSource.DEFAULT:
+    if of_voxels and _is_given("design_name"):
         raise click.UsageError("a voxel file needs no design: leave --design out")
+    if of_voxels and (wanted.fibers is not None or wanted.jamming is not None):
+        raise click.UsageError(
+            "a voxel file carries its own physics: leave --fibers and --jamming out, and see `jammed_bending_pa` in "
+            "docs/reference/voxel-files.md"
+        )
+    if wanted.target_words is None and (_is_given("surface") or _is_given("scoring")):
+        raise click.UsageError("--surface and --scoring go with --target: name one")
 
 
-def _check_files(voxel_path: Path | None, out_path: Path | None, plot_path: Path | None) -> None:
+def _is_given(option: str) -> bool:
+    return click.get_current_context().get_parameter_source(option) is not ParameterSource.DEFAULT
+
+
+def _check_files(wanted: _Wanted) -> None:
     """Refuse files that could not be written, or that would overwrite each other, before anything is solved."""
     from labctl.whole_file import check_writable, same_file
 
+    out_path, plot_path = wanted.out_path, wanted.plot_path
     for option, path, formats in (("--out", out_path, _OUT_FORMATS), ("--plot", plot_path, _PLOT_FORMATS)):
         if path is None:
             continue
         if path.suffix not in formats:
             raise click.UsageError(f"{option} {path}: name a file that ends in {' or '.join(formats)}")
-        if voxel_path is not None and same_file(path, voxel_path):
+        if wanted.voxel_path is not None and same_file(path, wanted.voxel_path):
             raise click.UsageError(f"{option} {path} would overwrite the voxel file; name another")
         check_writable(path)
     if out_path is not None and plot_path is not None and same_file(out_path, plot_path):

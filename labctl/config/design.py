@@ -8,6 +8,8 @@ from labctl.errors import BadInput
 
 Face = Literal["top", "bottom"]
 GeometryName = Literal["published", "centred"]
+FiberModelName = Literal["voxels", "elements"]
+JammingName = Literal["published", "measured"]
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,19 @@ class SheetSpec:
 
 
 @dataclass(frozen=True)
+class FiberPhysics:
+    """What the simulator takes fibers for (docs/reference/fiber-physics.md); the defaults are the published runs'.
+
+    `fibers`: "voxels" that replace the face's passive ones, or "elements" that lie on the face. `jamming`: as
+    "published", one modulus for tension and bending, or as "measured", 20 times an unjammed fiber's in tension
+    and twice in bending.
+    """
+
+    fibers: FiberModelName = "voxels"
+    jamming: JammingName = "published"
+
+
+@dataclass(frozen=True)
 class Design:
     """A sheet with its fibers and patterns; `source` is the file it came from."""
 
@@ -48,6 +63,7 @@ class Design:
     sheet: SheetSpec
     fibers: tuple[Fiber, ...]
     patterns: Mapping[str, frozenset[str]]
+    physics: FiberPhysics = FiberPhysics()
 
     def jammed(self, pattern: str) -> frozenset[str]:
         """The ids of the fibers that a pattern stiffens.

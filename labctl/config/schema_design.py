@@ -5,7 +5,16 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationInfo, field_validator
 
-from labctl.config.design import Design, Face, Fiber, GeometryName, SheetSpec
+from labctl.config.design import (
+    Design,
+    Face,
+    Fiber,
+    FiberModelName,
+    FiberPhysics,
+    GeometryName,
+    JammingName,
+    SheetSpec,
+)
 from labctl.config.quantity import LENGTH, PRESSURE
 from labctl.config.rules import Number, OneOf, Place, Quantity, Range, Text, Whole
 
@@ -88,6 +97,17 @@ class FiberSection(Section):
         return Fiber(self.id, self.face, self.start, self.end, self.channel)
 
 
+class SimulationSection(Section):
+    """[simulation]; a key that is left out has the default of `labctl.config.design.FiberPhysics`."""
+
+    fibers: Annotated[FiberModelName, PlainValidator(OneOf(("voxels", "elements")))] = FiberPhysics.fibers
+    jamming: Annotated[JammingName, PlainValidator(OneOf(("published", "measured")))] = FiberPhysics.jamming
+
+    def config(self) -> FiberPhysics:
+        """The fibers' physics as the rest of the program knows it."""
+        return FiberPhysics(self.fibers, self.jamming)
+
+
 class DesignFile(Section):
     """The whole of a design file."""
 
@@ -95,6 +115,7 @@ class DesignFile(Section):
     sheet: SheetSection
     fibers: list[FiberSection]
     patterns: dict[Name, list[Name]]
+    simulation: SimulationSection = SimulationSection()
 
     def config(self, source: str) -> Design:
         """The design as the rest of the program knows it."""
@@ -104,4 +125,5 @@ class DesignFile(Section):
             sheet=self.sheet.config(),
             fibers=tuple(fiber.config() for fiber in self.fibers),
             patterns={name: frozenset(ids) for name, ids in self.patterns.items()},
+            physics=self.simulation.config(),
         )

@@ -41,12 +41,14 @@ NO_GAP = RealityGap(1.0, 1.0, 1.0, 1.0, 0.0)
 
 def real_materials(gap: RealityGap, believed: Materials) -> Materials:
     """The materials of the double's sheet."""
+    bending_pa = believed.jammed_bending_pa
     return replace(
         believed,
         passive_pa=believed.passive_pa * gap.passive_factor,
         expanding_pa=believed.expanding_pa * gap.expanding_factor,
         jammed_pa=believed.jammed_pa * gap.jammed_factor,
         unjammed_pa=believed.unjammed_pa * gap.unjammed_factor,
+        jammed_bending_pa=None if bending_pa is None else bending_pa * gap.jammed_factor,
     )
 
 

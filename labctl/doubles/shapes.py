@@ -13,11 +13,11 @@ from labctl.config.rig import MarkerPoint
 from labctl.doubles.gap import RealityGap, misplaced, real_materials
 from labctl.doubles.sheet import Ladder
 from labctl.errors import BadInput, LabError
+from labctl.simulation import materials_of
 from sim.equilibrium import equilibrium
 from sim.errors import SimError
 from sim.geometry import geometry
 from sim.heights import material_points, resting_offset_m
-from sim.materials import Materials
 from sim.registration import register
 from sim.shape import Failure, Shape
 from sim.sheet import Fiber, Sheet, build_sheet
@@ -41,7 +41,7 @@ class SimulatedShapes:
     def __init__(self, design: Design, gap: RealityGap, points: Sequence[MarkerPoint]) -> None:
         self._design = design
         self._geometry = geometry(design.sheet.geometry)
-        self._materials = real_materials(gap, Materials())
+        self._materials = real_materials(gap, materials_of(design))
         rng = np.random.default_rng(gap.seed)
         self._fibers = misplaced(design.fibers, gap, self._geometry, rng)
         self._points_m = np.array([(point.x_mm, point.y_mm) for point in points]) / 1000
@@ -118,7 +118,7 @@ class SimulatedShapes:
         ]
         states = [fiber.id in jammed for fiber in self._fibers]
         try:
-            return build_sheet(fibers, states, self._geometry, self._materials)
+            return build_sheet(fibers, states, self._geometry, self._materials, self._design.physics.fibers)
         except SimError as error:
             raise BadInput(f"design {self._design.name} ({self._design.source}): {error}") from error
 
