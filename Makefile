@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test check format clean
+.PHONY: inflate test check format bench-sim clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -17,6 +17,9 @@ check: $(INSTALLED)  ## style, types, who may import whom
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
+
+bench-sim: $(INSTALLED)  ## the simulator's speed against its scalar oracle, about 4 minutes
+	PYTHONPATH=tests $(BIN)/python bench/sim_speed.py
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

@@ -11,7 +11,7 @@ from labctl.subject import Simulated, sheet_frame_m
 from labctl.whole_file import whole_file
 from sim.geometry import CENTRE_M, PITCH_M
 from sim.hexahedra import hexahedra
-from sim.sheet import rest_positions_m
+from sim.sheet import elements_as_array, rest_positions_m
 
 # One array as pyevtk writes it: a scalar's values, or a vector's three components.
 _Columns = NDArray[np.generic] | tuple[NDArray[np.generic], ...]
@@ -37,6 +37,9 @@ def _write_npz(path: Path, simulated: Simulated) -> None:
         "orientations": simulated.orientations,
         "voxels": subject.sheet.voxels(),
         "material": subject.sheet.material,
+        "face_elements": elements_as_array(subject.sheet.face_elements)
+        if subject.sheet.face_elements
+        else None,
         **vars(subject.sheet.materials),
         "pitch_m": PITCH_M,
         "geometry": subject.cut.name if subject.known_cut else None,

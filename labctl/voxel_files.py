@@ -14,10 +14,11 @@ from labctl.errors import BadInput
 from sim.errors import SimError
 from sim.geometry import CENTRED, PITCH_M, PUBLISHED, Geometry, columns
 from sim.materials import EMPTY, Materials
-from sim.sheet import Sheet
+from sim.sheet import Sheet, elements_from_array
 from sim.strain import check_strain
 
 PROPERTIES = tuple(entry.name for entry in fields(Materials))
+_ARRAYS = ("material", "face_elements")
 # What results carry beside what is read here.
 _OF_RESULTS = {
     "positions_m",
@@ -67,11 +68,12 @@ def read_voxels(path: Path) -> VoxelFile:
                 f"{path}: {key} looks like physics and is not known: "
                 f"use {', '.join((*PROPERTIES, 'strain', 'pitch_m'))}, or leave it out"
             )
-    numbers = {key: _number(path, key, array) for key, array in arrays.items() if key != "material"}
+    numbers = {key: _number(path, key, array) for key, array in arrays.items() if key not in _ARRAYS}
     _check_pitch(path, numbers.pop("pitch_m", PITCH_M))
     try:
         strain = check_strain(numbers.pop("strain")) if "strain" in numbers else None
-        sheet = Sheet(arrays["material"], Materials(**numbers))
+        elements = elements_from_array(arrays.get("face_elements", np.empty((0, 6), np.int8)))
+        sheet = Sheet(arrays["material"], Materials(**numbers), elements)
     except SimError as error:
         raise BadInput(f"{path}: {error}") from error
     return VoxelFile(str(path), sheet, strain, cut_of(sheet), tuple(unknown))
@@ -98,9 +100,7 @@ def _arrays(path: Path) -> tuple[list[str], dict[str, NDArray[Any]]]:
                 raise BadInput(f"{path}: is not an .npz file, or not a whole one; write one with numpy.savez")
             stream.seek(0)
             with np.load(stream, allow_pickle=False) as archive:
-                wanted = [
-                    key for key in archive.files if key in ("material", "strain", "pitch_m", *PROPERTIES)
-                ]
+                wanted = [key for key in archive.files if key in (*_ARRAYS, "strain", "pitch_m", *PROPERTIES)]
                 return list(archive.files), {key: _array(path, archive, key) for key in wanted}
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror or error}") from error

@@ -38,6 +38,31 @@ class FaceElement:
     jammed: bool
 
 
+def elements_as_array(elements: Sequence[FaceElement]) -> NDArray[np.int64]:
+    """Elements as rows (k, i, j, i, j, jammed) of numbers: layer of the face, columns from and to, 1 or 0."""
+    rows = [(FACE_LAYER[e.face], *e.start, *e.end, int(e.jammed)) for e in elements]
+    return np.array(rows, np.int64).reshape(-1, 6)
+
+
+def elements_from_array(rows: NDArray[np.integer]) -> tuple[FaceElement, ...]:
+    """The elements that `elements_as_array` wrote.
+
+    Raises:
+        SimError: the array is not of whole numbers (m, 6), or a row has no such face or state.
+    """
+    if rows.ndim != 2 or rows.shape[1] != 6 or not np.issubdtype(rows.dtype, np.integer):
+        raise SimError(f"elements are {rows.dtype} of shape {rows.shape}: give whole numbers (m, 6)")
+    faces = {layer: face for face, layer in FACE_LAYER.items()}
+    elements = []
+    for k, i, j, i_end, j_end, jammed in rows.tolist():
+        if k not in faces or jammed not in (0, 1):
+            raise SimError(
+                f"an element has layer {k} and state {jammed}: the faces are layers 0 and 2, and 1 is jammed, 0 not"
+            )
+        elements.append(FaceElement(faces[k], (i, j), (i_end, j_end), bool(jammed)))
+    return tuple(elements)
+
+
 @dataclass(frozen=True, eq=False)
 class Sheet:
     """The material code of every voxel, int8 (28, 28, 3) as (i, j, k), read-only, and the materials.

@@ -208,9 +208,77 @@ def test_plot_and_out_need_a_file_each(tmp_path, slab, capsys):
 
 def test_a_sheet_without_a_shape_says_where_and_when(slab, capsys, monkeypatch):
     failure = Failure("the lattice diverged", (13, 12, 2), "at step 5 of 10")
-    monkeypatch.setattr("labctl.subject.equilibrium", lambda sheet, strain: failure)
+    monkeypatch.setattr("labctl.subject.equilibrium", lambda sheet, strain, precision: failure)
 
     code, result, _ = told(capsys, "--voxels", slab())
 
     assert code == 2
     assert "the lattice diverged at voxel (i, j, k) = (13, 12, 2), at step 5 of 10" in result["error"]
+
+
+def test_fibers_as_elements_go_into_the_file_and_come_back(tmp_path, capsys):
+    out, again = tmp_path / "out.npz", tmp_path / "again.npz"
+    code, first, _ = told(
+        capsys, "--pattern", "cylinder", "--fibers", "elements", "--jamming", "measured", "--out", str(out)
+    )
+    assert (code, first["voxels"]) == (0, 1827)
+    assert told(capsys, "--voxels", str(out), "--out", str(again))[0] == 0
+
+    with np.load(out) as one, np.load(again) as other:
+        assert (one["material"][:, :, 2][one["material"][:, :, 1] != 0] == 1).all()
+        assert len(one["face_elements"]) == 6 * 24 + 2 * 2
+        assert one["jammed_bending_pa"] == 2 * 68_900
+        np.testing.assert_array_equal(one["positions_m"], other["positions_m"])
+
+
+def test_the_physics_of_fibers_changes_the_shape(capsys):
+    heights = [
+        told(capsys, "--pattern", "sphere", *options)[1]["highest_mm"]
+        for options in ((), ("--fibers", "elements"), ("--jamming", "measured"))
+    ]
+    assert heights[1] > heights[0] + 0.1
+    assert heights[2] > heights[0] + 0.05
+
+
+def test_a_target_is_compared_with(capsys):
+    code, result, _ = told(capsys, "--pattern", "sphere", "--target", "sphere-cap:-12mm")
+    assert code == 0
+    assert result["target"]["columns"] == 609
+    assert result["target"]["e_s_after_offset_mm"] < 1.0 < result["target"]["e_s_mm"]
+    assert result["target"]["e_s_after_offset_percent"] == pytest.approx(
+        100 * result["target"]["e_s_after_offset_mm"] / result["target"]["target_range_mm"]
+    )
+
+
+def test_a_pattern_is_its_own_target(capsys):
+    _, result, _ = told(capsys, "--pattern", "sphere", "--target", "pattern:sphere", "--surface", "mid")
+    assert (result["target"]["surface"], result["target"]["e_s_mm"]) == ("mid", 0.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--surface", "mid"), "go with --target"),
+        (("--target", "z = 1/0*x"), "target"),
+        (("--target", "pattern:cube"), "unknown pattern 'cube'"),
+        (("--target", "missing.csv"), "missing.csv"),
+    ],
+)
+def test_a_target_that_is_none_is_refused(arguments, words, capsys):
+    code, result, _ = told(capsys, "--pattern", "sphere", *arguments)
+    assert code == 2
+    assert words in result["error"]
+
+
+def test_double_precision_is_close_and_not_the_same(capsys):
+    single, double = (
+        told(capsys, "--pattern", "cylinder", "--precision", precision)[1]["highest_mm"]
+        for precision in ("float32", "float64")
+    )
+    assert single != double
+    assert single == pytest.approx(double, abs=0.01)
+
+
+def test_a_voxel_file_takes_no_physics_of_fibers_from_the_command_line(slab, capsys):
+    code, result, _ = told(capsys, "--voxels", slab(), "--jamming", "measured")
+    assert (code, "carries its own physics" in result["error"]) == (2, True)
