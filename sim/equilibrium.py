@@ -49,7 +49,7 @@ SWEEPS_PER_CHECK = 25
 MAX_SWEEPS = 10_000
 # At rest: both the force left on a voxel, as a share of what one pitch of displacement would take, and the
 # move since the last check, root mean square over the voxels, are small.
-RESIDUAL_SHARE = 1e-6
+RESIDUAL_SHARE = 3e-6
 RESTING_MOVE_M = 1e-6
 
 _MOVING, _AT_REST, _FAULTY = range(3)
