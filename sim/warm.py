@@ -16,7 +16,7 @@ from sim.sheet import Sheet
 
 SolverName = Literal["equilibrium", "dynamic"]
 
-ABOUT_S = 6
+ABOUT_S = 8
 # Reading a compiled kernel from the disk takes a fraction of this.
 _PATIENCE_S = 1.0
 

@@ -13,7 +13,7 @@ def drifted(monkeypatch):
     """Both solvers hand back a sheet that has only turned and moved as a whole."""
     turn = Rotation.from_rotvec([0.1, -0.2, 0.3])
 
-    def drift(sheet, strain=0.2):
+    def drift(sheet, strain=0.2, precision="float32"):
         rest_m = rest_positions_m(sheet)
         orientations = np.tile(turn.as_quat(scalar_first=True), (len(rest_m), 1))
         return Shape(turn.apply(rest_m) + 0.01, 9, strain, orientations, np.zeros(0, np.bool_))

@@ -26,8 +26,7 @@ def test_the_published_run_is_that_of_the_reference_engine(golden, dynamic_shape
     assert off_mm(shape, golden.dynamic_positions_m).max() <= 0.0009
 
 
-def test_so_it_is_in_double_precision(load_golden):
-    golden = load_golden("random0_second")
+def test_so_it_is_in_double_precision(golden):
     shape = dynamic(golden.sheet, precision="float64")
     assert off_mm(shape, golden.dynamic_positions_m).mean() <= 0.0001
 

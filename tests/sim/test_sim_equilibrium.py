@@ -23,8 +23,7 @@ def test_the_sheet_at_rest_is_that_of_the_reference_engine(golden):
     assert off_mm.max() <= 0.10
 
 
-def test_so_it_is_in_double_precision(load_golden):
-    golden = load_golden("random0_second")
+def test_so_it_is_in_double_precision(golden):
     shape = equilibrium(golden.sheet, DEFAULT_STRAIN, precision="float64")
     assert distance_mm(register(golden.sheet, shape), golden.equilibrium_positions_m).mean() <= 0.02
 
