@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from labctl.config.design import Design
 from labctl.errors import BadInput, LabError
-from sim.equilibrium import equilibrium
 from sim.errors import SimError
 from sim.geometry import column_at, geometry
 from sim.heights import material_points, resting_offset_m
@@ -16,6 +15,7 @@ from sim.materials import MEASURED_JAMMING, Materials
 from sim.registration import register
 from sim.shape import Failure, Shape
 from sim.sheet import Fiber, Sheet, build_sheet
+from sim.solver import Equilibrium
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def simulate_pattern(
     """
     sheet = sheet_of(design, pattern)
     try:
-        shape = equilibrium(sheet, strain, start=start)
+        (shape,) = Equilibrium(strain).solve([sheet], [start])
     except SimError as error:
         raise BadInput(str(error)) from error
     if isinstance(shape, Failure):

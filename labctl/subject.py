@@ -1,7 +1,6 @@
 """What `labctl simulate` works on, and what it finds: a sheet from a pattern or a voxel file, and its shape."""
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,20 +9,16 @@ from labctl.config.design import Design, Fiber
 from labctl.errors import BadInput
 from labctl.simulation import describe_failure, sheet_of
 from labctl.voxel_files import VoxelFile
-from sim.dynamic import dynamic
-from sim.equilibrium import equilibrium
 from sim.errors import SimError
 from sim.geometry import PITCH_M, PUBLISHED, Geometry, geometry
 from sim.kernel import Precision
 from sim.registration import register, register_orientations
 from sim.shape import Failure
 from sim.sheet import Sheet, rest_positions_m
-from sim.solver import DEFAULT_STRAIN
+from sim.solver import DEFAULT_STRAIN, Dynamic, Equilibrium, Solver, SolverName
 
 # The voxel frame's z = 0, the centres of the bottom layer, is two and a half voxels below the top face.
 _BELOW_TOP_FACE_M = -2.5 * PITCH_M
-
-SolverName = Literal["equilibrium", "dynamic"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +102,10 @@ def solve(subject: Subject, solver: SolverName, precision: Precision = "float32"
     """
     sheet = subject.sheet
     try:
-        if solver == "dynamic":
-            shape = dynamic(sheet, precision=precision)
-        else:
-            shape = equilibrium(sheet, subject.strain, precision=precision)
+        by: Solver = (
+            Dynamic(precision=precision) if solver == "dynamic" else Equilibrium(subject.strain, precision)
+        )
+        (shape,) = by.solve([sheet])
     except SimError as error:
         raise BadInput(f"{subject.name}: {error}") from error
     if isinstance(shape, Failure):

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Literal, Protocol, TypeVar
 
 from sim.dynamic import dynamic
 from sim.equilibrium import equilibrium
@@ -18,6 +18,7 @@ from sim.strain import check_strain
 # 0.01 per degree at 30 sin(2 pi 0.4): the strain at which the reference equilibria were computed.
 DEFAULT_STRAIN = 0.17633557568774
 
+SolverName = Literal["equilibrium", "dynamic"]
 Start = TypeVar("Start")
 
 
@@ -109,5 +110,7 @@ def _each(
         workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if workers < 1:
         raise SimError(f"{workers} workers: give at least 1, or None for one for each core")
-    with ThreadPoolExecutor(min(workers, max(1, len(sheets)))) as pool:
+    if min(workers, len(sheets)) <= 1:
+        return list(map(solve_one, sheets, starts))
+    with ThreadPoolExecutor(min(workers, len(sheets))) as pool:
         return list(pool.map(solve_one, sheets, starts))

@@ -2,19 +2,15 @@
 
 import threading
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 
-from sim.dynamic import dynamic
-from sim.equilibrium import equilibrium
 from sim.geometry import GRID
 from sim.inflation import RampAndHold
 from sim.kernel import Precision
 from sim.materials import EXPANDING
 from sim.sheet import Sheet
-
-SolverName = Literal["equilibrium", "dynamic"]
+from sim.solver import Dynamic, Equilibrium, SolverName
 
 ABOUT_S = 8
 # Reading a compiled kernel from the disk takes a fraction of this.
@@ -37,9 +33,9 @@ def compile_kernels(
         material[0, 0, :2] = EXPANDING
         pair = Sheet(material)
         if solver == "dynamic":
-            dynamic(pair, RampAndHold(strain=0.0, read_at_s=1e-4), precision)
+            Dynamic(RampAndHold(strain=0.0, read_at_s=1e-4), precision).solve([pair])
         else:
-            equilibrium(pair, 0.0, precision=precision)
+            Equilibrium(0.0, precision).solve([pair])
     finally:
         timer.cancel()
         timer.join()

@@ -13,13 +13,14 @@ def drifted(monkeypatch):
     """Both solvers hand back a sheet that has only turned and moved as a whole."""
     turn = Rotation.from_rotvec([0.1, -0.2, 0.3])
 
-    def drift(sheet, strain=0.2, precision="float32"):
-        rest_m = rest_positions_m(sheet)
+    def drift(self, sheets):
+        rest_m = rest_positions_m(sheets[0])
         orientations = np.tile(turn.as_quat(scalar_first=True), (len(rest_m), 1))
-        return Shape(turn.apply(rest_m) + 0.01, 9, strain, orientations, np.zeros(0, np.bool_))
+        strain = getattr(self, "strain", 0.2)
+        return [Shape(turn.apply(rest_m) + 0.01, 9, strain, orientations, np.zeros(0, np.bool_))]
 
-    monkeypatch.setattr("labctl.subject.equilibrium", drift)
-    monkeypatch.setattr("labctl.subject.dynamic", drift)
+    monkeypatch.setattr("sim.solver.Equilibrium.solve", drift)
+    monkeypatch.setattr("sim.solver.Dynamic.solve", drift)
     return turn
 
 

@@ -14,13 +14,13 @@ from labctl.doubles.gap import RealityGap, misplaced, real_materials
 from labctl.doubles.sheet import Ladder
 from labctl.errors import BadInput, LabError
 from labctl.simulation import materials_of
-from sim.equilibrium import equilibrium
 from sim.errors import SimError
 from sim.geometry import geometry
 from sim.heights import material_points, resting_offset_m
 from sim.registration import register
 from sim.shape import Failure, Shape
 from sim.sheet import Fiber, Sheet, build_sheet
+from sim.solver import Equilibrium
 
 RUNGS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.15)
 _CLOSE_TIMEOUT_S = 30.0
@@ -131,7 +131,7 @@ class SimulatedShapes:
             if unwanted():
                 raise _AbandonedError
             strain = share * self._design.sheet.rated_strain
-            settled = equilibrium(sheet, strain, start=shape)
+            (settled,) = Equilibrium(strain).solve([sheet], [shape])
             if isinstance(settled, Failure):
                 fibers = ", ".join(sorted(jammed)) or "nothing"
                 raise LabError(
