@@ -141,27 +141,29 @@ class Lattice:
             plane(self.planes, axis.links + REGIME)[self._linked[axis.number]] = large
         self.fibers.large[:] = elements
 
-    def shape(self, steps: int, strain: float) -> Shape:
-        """The shape that the lattice is in."""
-        moves = self._components(MOVE, 3)
+    def shape(self, steps: int, strain: float) -> Shape | Failure:
+        """The shape that the lattice is in; a failure if any number of it is none."""
+        moves, turns = self._components(MOVE, 3), self._components(TURN, 4)
+        if not (np.isfinite(moves).all() and np.isfinite(turns).all()):
+            return self.failure(f"at the last step, {steps}")
         large = [plane(self.planes, axis.links + REGIME)[self._linked[axis.number]] == LARGE for axis in AXES]
         return Shape(
             positions_m=rest_positions_m(self.sheet) + moves * PITCH_M,
             steps=steps,
             strain=strain,
-            orientations=self._components(TURN, 4),
+            orientations=turns,
             large=np.concatenate([*large, self.fibers.large == LARGE]),
         )
 
     def failure(self, when: str) -> Failure:
-        """What is wrong with a lattice that has a folded link or a voxel out of range."""
+        """What is wrong with a lattice that has a voxel out of range, a folded link or a folded fiber."""
         moves = np.linalg.norm(self._components(MOVE, 3), axis=1)
-        out = np.flatnonzero(~(moves < MAX_MOVE))
+        out = np.flatnonzero(~(moves < MAX_MOVE) | ~np.isfinite(self._components(TURN, 4)).all(axis=1))
         if out.size:
             i, j, k = self._voxel(int(self.cells[out[0]]))
             return Failure(
-                f"the lattice diverged: voxel ({i}, {j}, {k}) moved more than {MAX_MOVE_M * 1e3:g} mm or to "
-                "no finite place; check the moduli and the strain",
+                f"the lattice diverged: voxel ({i}, {j}, {k}) moved more than {MAX_MOVE_M * 1e3:g} mm, or to "
+                "no finite place or orientation; check the moduli and the strain",
                 (i, j, k),
                 when,
             )

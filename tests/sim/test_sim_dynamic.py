@@ -8,9 +8,9 @@ from sim.errors import SimError
 from sim.geometry import CENTRED, PUBLISHED
 from sim.inflation import PUBLISHED_PROTOCOL, RampAndHold, Sine
 from sim.lattice import MAX_MOVE, Lattice, plane
-from sim.layout import DYNAMIC_SIZE, MOVE, PLANE
+from sim.layout import DYNAMIC_SIZE, MOVE, PLANE, TURN
 from sim.materials import Materials
-from sim.shape import Failure
+from sim.shape import Failure, Shape
 from sim.sheet import Fiber, Sheet, build_sheet, rest_positions_m
 
 
@@ -90,6 +90,16 @@ def test_a_voxel_is_lost_beyond_the_width_of_the_sheet(off, left, load_golden):
         failure = lattice.failure("now")
         assert failure.voxel == tuple(sheet.voxels()[700])
         assert "diverged" in failure.reason
+
+
+def test_a_number_that_is_none_is_no_shape(load_golden):
+    sheet = load_golden("flat").sheet
+    lattice = Lattice(sheet, DYNAMIC_SIZE, "float32")
+    assert isinstance(lattice.shape(1, 0.1), Shape)
+    plane(lattice.planes, TURN + PLANE)[lattice.cells[900]] = np.nan
+    failure = lattice.shape(1, 0.1)
+    assert isinstance(failure, Failure)
+    assert failure.voxel == tuple(sheet.voxels()[900])
 
 
 @pytest.mark.parametrize(
