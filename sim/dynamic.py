@@ -5,11 +5,11 @@ of `sim.layout` and of one time step, 1 / (2 pi sqrt(E L / m)), the step has no 
 """
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.errors import SimError
 from sim.face_fibers import FaceFibers
 from sim.geometry import PITCH_M
 from sim.inflation import PUBLISHED_PROTOCOL, Inflation
@@ -30,6 +30,7 @@ from sim.layout import (
     quaternion_at,
     vector_at,
 )
+from sim.materials import Materials
 from sim.pull import load_on, pull
 from sim.quaternion import turned
 from sim.shape import Failure, Shape
@@ -38,6 +39,7 @@ from sim.strain import MAX_STRAIN, check_strain
 
 GROUND_DAMPING = 0.01
 MAX_STEPS = 2_000_000
+_STEPS_AT_A_TIME = 1000
 # A force E L^2 changes a velocity by this many pitches per step; a moment E L^3 a spin by six times as much.
 _PUSH = 1 / (2 * math.pi) ** 2
 _SPIN_PUSH = 6 * _PUSH
@@ -56,34 +58,45 @@ def dynamic(
     """The sheet's shape at the end of an inflation, by default the published one.
 
     Raises:
-        SimError: the inflation has a strain beyond 0.6, or the sheet's stiffest link asks for more than
-            2 000 000 time steps.
+        SimError: the inflation has a strain beyond 0.6.
     """
     lattice = Lattice(sheet, DYNAMIC_SIZE, precision)
     real = real_of(precision)
     dt_s = time_step_s(lattice.modulus_pa, voxel_mass_kg(sheet))
     steps = math.ceil(inflation.read_at_s / dt_s)
     if steps > MAX_STEPS:
-        raise SimError(
+        return Failure(
             f"the stiffest link asks for {steps} time steps of {dt_s:.3g} s, above the limit of {MAX_STEPS}: "
-            "lower the largest modulus or use the equilibrium solver"
+            "lower the largest modulus or use the equilibrium solver",
+            None,
+            "before the first step",
         )
-    strains = inflation.strain_at(np.arange(steps, dtype=np.float64) * dt_s, sheet.materials)
-    for extreme in (strains.min(), strains.max()):
+    ends = [(s.min(), s.max()) for s in _pieces(inflation, sheet.materials, steps, dt_s)]
+    for extreme in (min(low for low, _ in ends), max(high for _, high in ends)):
         check_strain(float(extreme), lowest=-MAX_STRAIN)
     own_share = over_cells(sheet.materials.axial_moduli_pa()[sheet.material]) / lattice.modulus_pa
     plane(lattice.planes, VOXEL)[:] = GROUND_DAMPING / math.pi * np.sqrt(own_share)
-    step = march(
-        lattice.planes,
-        lattice.fibers,
-        constants(precision),
-        strains.astype(real),
-        (real(_PUSH), real(_SPIN_PUSH), real(_SPIN_DRAG)),
-        real(MAX_MOVE**2),
-    )
-    if step < steps:
-        return lattice.failure(f"at step {step} of {steps}, {step * dt_s:.4f} s")
+    law, pushes = constants(precision), (real(_PUSH), real(_SPIN_PUSH), real(_SPIN_DRAG))
+    done = 0
+    for strains in _pieces(inflation, sheet.materials, steps, dt_s):
+        first, last = done == 0, done + strains.size == steps
+        piece = strains.astype(lattice.planes.dtype)
+        taken, failed = march(
+            lattice.planes, lattice.fibers, law, piece, first, last, pushes, real(MAX_MOVE**2)
+        )
+        done += taken
+        if failed:
+            return lattice.failure(f"at step {done} of {steps}, {done * dt_s:.4f} s")
     return lattice.shape(steps, float(strains[-1]))
+
+
+def _pieces(
+    inflation: Inflation, materials: Materials, steps: int, dt_s: float
+) -> Iterator[NDArray[np.float64]]:
+    """The strains of all steps, some at a time: a run can be stopped, and holds no long arrays."""
+    for first in range(0, steps, _STEPS_AT_A_TIME):
+        times_s = np.arange(first, min(first + _STEPS_AT_A_TIME, steps), dtype=np.float64) * dt_s
+        yield inflation.strain_at(times_s, materials)
 
 
 @kernel
@@ -92,16 +105,24 @@ def march(
     fibers: FaceFibers,
     law: Constants,
     strains: NDArray[np.floating],
+    first: bool,
+    last: bool,
     pushes: tuple[float, float, float],
     max_move_squared: float,
-) -> int:
-    """Step the lattice through all strains; returns how many steps were whole, less than all if one was not."""
-    for step in range(strains.size):
-        folded = pull(planes, fibers, law, strains[step], ONE if step > 0 else ZERO, True)
-        left = move_voxels(planes, pushes, max_move_squared)
-        if folded | left:
-            return step
-    return strains.size
+) -> tuple[int, bool]:
+    """Step the lattice through some strains; returns how many steps were whole, and whether the next failed.
+
+    `first`: there is no step before, so no damping in the first one. `last`: no more follow, so the shape that
+    the last step leads to is looked at too.
+    """
+    for step in range(strains.size + (1 if last else 0)):
+        strain = strains[min(step, strains.size - 1)]
+        damped = ZERO if first and step == 0 else ONE
+        if pull(planes, fibers, law, strain, damped, True):
+            return step, True
+        if step < strains.size and move_voxels(planes, pushes, max_move_squared):
+            return step, True
+    return strains.size, False
 
 
 @inlined

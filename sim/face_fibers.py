@@ -2,8 +2,9 @@
 
 Between each two cells that a fiber crosses lies a beam whose ends are glued to the outer faces of the two
 voxels, half a pitch above their centres. It follows the same link law, with lengths as shares of its own, as a
-beam of the fiber's modulus and a cross-section of one pitch squared; it has no mass. The passive voxels below
-it stay. The paper (section III.C) names the replaced voxels as a source of its transfer error.
+beam of the fiber's modulus and a cross-section of one pitch squared. It has neither mass nor damping: the links
+beside it have. The passive voxels below it stay. The paper (section III.C) names the replaced voxels as a source
+of its transfer error.
 """
 
 import math
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.kernel import HALF, ONE, ZERO, Precision, inlined
-from sim.law import Constants, Strains, beam, deformed, is_large, plus, seen_from
+from sim.law import Constants, beam, deformed, is_large, plus, seen_from
 from sim.layout import (
     FIBER_LOADS,
     FOLDED,
@@ -29,7 +30,7 @@ from sim.layout import (
     quaternion_at,
     vector_at,
 )
-from sim.materials import Materials
+from sim.materials import JAMMED, UNJAMMED, Materials
 from sim.quaternion import (
     Quaternion,
     Vector,
@@ -48,7 +49,7 @@ class FaceFibers(NamedTuple):
 
     `cells` int (m, 2): N and P; `across` (m, 3): from N to P at rest, x and y, and the arm from a voxel's
     centre to its outer face along z; `along` (m, 3): cosine and sine of the direction, and the length;
-    `moduli` (m, 4): of `beam`, then of its damping; `large` (m,) the regimes; `strains` (m, 6) remembered.
+    `moduli` (m, 2): axial and bending, of `sim.law.beam`; `large` (m,): the regimes.
     """
 
     cells: NDArray[np.int64]
@@ -56,18 +57,14 @@ class FaceFibers(NamedTuple):
     along: NDArray[np.float64]
     moduli: NDArray[np.float64]
     large: NDArray[np.float64]
-    strains: NDArray[np.float64]
 
 
 def face_fibers(sheet: Sheet, modulus_pa: float, precision: Precision) -> FaceFibers:
     """The elements of a sheet's fibers on its faces, with moduli as shares of `modulus_pa`."""
     real = np.dtype(precision)
     count = len(sheet.face_elements)
-    cells, across, along, moduli = (
-        np.zeros((count, 2), np.int64),
-        *np.zeros((2, count, 3)),
-        np.zeros((count, 4)),
-    )
+    cells, (across, along) = np.zeros((count, 2), np.int64), np.zeros((2, count, 3))
+    moduli = np.zeros((count, 2))
     for row, element in enumerate(sheet.face_elements):
         (i, j), (i_end, j_end) = element.start, element.end
         k = FACE_LAYER[element.face]
@@ -76,16 +73,12 @@ def face_fibers(sheet: Sheet, modulus_pa: float, precision: Precision) -> FaceFi
         length = math.hypot(di, dj)
         across[row] = di, dj, 0.5 if element.face == "top" else -0.5
         along[row] = di / length, dj / length, length
-        axial, bending = (pa / modulus_pa for pa in fiber_moduli_pa(sheet.materials, element.jammed))
-        # Damping as the links': 2 pi sqrt(stiffness), the stiffnesses being axial / l and bending / l^3.
-        moduli[row] = (
-            axial,
-            bending / length**2,
-            2 * math.pi * math.sqrt(axial * length),
-            2 * math.pi * math.sqrt(bending / length),
-        )
-    state = np.zeros(count, real), np.zeros((count, 6), real)
-    return FaceFibers(cells, across.astype(real), along.astype(real), moduli.astype(real), *state)
+        axial_pa, bending_pa = fiber_moduli_pa(sheet.materials, element.jammed)
+        # Of a beam of length l, with lengths as shares of l: axial E, shear and bending E / l^2.
+        moduli[row] = axial_pa / modulus_pa, bending_pa / length**2 / modulus_pa
+    return FaceFibers(
+        cells, across.astype(real), along.astype(real), moduli.astype(real), large=np.zeros(count, real)
+    )
 
 
 def added_modulus_pa(sheet: Sheet) -> float:
@@ -104,10 +97,8 @@ def added_modulus_pa(sheet: Sheet) -> float:
 
 def fiber_moduli_pa(materials: Materials, jammed: bool) -> tuple[float, float]:
     """A fiber's moduli in tension and in bending."""
-    if not jammed:
-        return materials.unjammed_pa, materials.unjammed_pa
-    bending_pa = materials.jammed_pa if materials.jammed_bending_pa is None else materials.jammed_bending_pa
-    return materials.jammed_pa, bending_pa
+    code = JAMMED if jammed else UNJAMMED
+    return float(materials.axial_moduli_pa()[code]), float(materials.bending_moduli_pa()[code])
 
 
 @inlined
@@ -130,16 +121,6 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 @inlined
-def change_of_row(rows: NDArray[np.float64], row: int, strains: Strains) -> Strains:
-    """The change of the strains since those remembered in one row, which they replace."""
-    a, b, c, d, e, f = strains
-    old = rows[row]
-    change = (a - old[0], b - old[1], c - old[2], d - old[3], e - old[4], f - old[5])
-    old[0], old[1], old[2], old[3], old[4], old[5] = strains
-    return change
-
-
-@inlined
 def add_load(planes: Planes, n: int, force: Vector, moment: Vector) -> None:
     """Add to what fibers pull with at a voxel."""
     put_vector(planes, FIBER_LOADS, n, plus(vector_at(planes, FIBER_LOADS, n), ONE, force))
@@ -148,8 +129,8 @@ def add_load(planes: Planes, n: int, force: Vector, moment: Vector) -> None:
 
 
 @inlined
-def pull_fibers(planes: Planes, fibers: FaceFibers, law: Constants, damped: float, remembers: bool) -> bool:
-    """The loads of all elements on their voxels; returns whether any is folded. As `sim.pull.pull`."""
+def pull_fibers(planes: Planes, fibers: FaceFibers, law: Constants) -> bool:
+    """The loads of all elements on their voxels; returns whether any is folded."""
     nothing = (ZERO, ZERO, ZERO)
     for row in range(fibers.large.size):
         for end in range(2):
@@ -177,13 +158,6 @@ def pull_fibers(planes: Planes, fibers: FaceFibers, law: Constants, damped: floa
         folded = folded | (not sane)
         fibers.large[row] = (LARGE if large else SMALL) if sane else FOLDED
         force, both, opposed = beam(fibers.moduli[row, 0], fibers.moduli[row, 1], strains, law)
-        if remembers:
-            known = damped if large == was_large else ZERO
-            ux, sy, sz, kx, ky, kz = change_of_row(fibers.strains, row, strains)
-            change = (ux, sy, sz, law.root2 * kx, ky, kz)
-            f, m, o = beam(fibers.moduli[row, 2] * known, fibers.moduli[row, 3] * known, change, law)
-            force, opposed = plus(force, ONE, f), plus(opposed, HALF, o)
-            both = both[0] + HALF * m[0], both[1] + HALF * m[1]
 
         outward = matrix(conjugate(product_without_x(e, conjugate(q))))
         force = about_z(cosine, sine, applied(outward, force))

@@ -127,15 +127,32 @@ class Lattice:
                 f"the start shape has {len(start.positions_m)} voxels and {start.large.size} links, the sheet "
                 f"{self.cells.size} and {self.links}: start from a shape of the same geometry, or from none"
             )
+        if start.positions_m.shape != (self.cells.size, 3) or start.orientations.shape != (
+            self.cells.size,
+            4,
+        ):
+            raise SimError(
+                f"the start shape has positions {start.positions_m.shape} and orientations "
+                f"{start.orientations.shape} for {self.cells.size} voxels: give (n, 3) and (n, 4), or start from none"
+            )
         if not (np.isfinite(start.positions_m).all() and np.isfinite(start.orientations).all()):
             raise SimError(
                 "the start shape has positions or orientations that are not finite: start from none"
             )
+        lengths = np.linalg.norm(start.orientations, axis=1)
+        if not np.allclose(lengths, 1.0, atol=1e-3):
+            raise SimError(
+                f"the start shape has an orientation of length {lengths[np.abs(lengths - 1).argmax()]:g}: give "
+                "unit quaternions, or start from none"
+            )
         moves = (start.positions_m - rest_positions_m(self.sheet)) / PITCH_M
+        # q and -q are the same rotation, but the law takes the turn between neighbours from one side only.
+        sides = np.where(start.orientations @ start.orientations[0] < 0, -1.0, 1.0)
+        turns = sides[:, None] * start.orientations
         for component in range(3):
             plane(self.planes, MOVE + component * PLANE)[self.cells] = moves[:, component]
         for component in range(4):
-            plane(self.planes, TURN + component * PLANE)[self.cells] = start.orientations[:, component]
+            plane(self.planes, TURN + component * PLANE)[self.cells] = turns[:, component]
         *links, elements = np.split(start.large, self._link_ends())
         for axis, large in zip(AXES, links, strict=True):
             plane(self.planes, axis.links + REGIME)[self._linked[axis.number]] = large
@@ -158,34 +175,36 @@ class Lattice:
     def failure(self, when: str) -> Failure:
         """What is wrong with a lattice that has a voxel out of range, a folded link or a folded fiber."""
         moves = np.linalg.norm(self._components(MOVE, 3), axis=1)
-        out = np.flatnonzero(~(moves < MAX_MOVE) | ~np.isfinite(self._components(TURN, 4)).all(axis=1))
-        if out.size:
-            i, j, k = self._voxel(int(self.cells[out[0]]))
+        lost = ~np.isfinite(moves) | ~np.isfinite(self._components(TURN, 4)).all(axis=1)
+        folded = self._folded_links()
+        # A fold is seen before the step that it tears apart.
+        if not folded:
+            # Where none is lost, the one that is furthest out.
+            i, j, k = self._voxel(int(self.cells[np.argmax(np.where(lost, np.inf, moves))]))
             return Failure(
                 f"the lattice diverged: voxel ({i}, {j}, {k}) moved more than {MAX_MOVE_M * 1e3:g} mm, or to "
                 "no finite place or orientation; check the moduli and the strain",
                 (i, j, k),
                 when,
             )
-        for axis in AXES:
-            folded = np.flatnonzero(plane(self.planes, axis.links + REGIME) == FOLDED)
-            if folded.size:
-                n = int(folded[0])
-                voxel, other = self._voxel(n), self._voxel(n + axis.step)
-                return Failure(
-                    f"the lattice folded: the link from voxel {voxel} to {other} has turned by more than a "
-                    "quarter turn; check the moduli and the strain",
-                    voxel,
-                    when,
-                )
-        row = int(np.flatnonzero(self.fibers.large == FOLDED)[0])
-        voxel, other = (self._voxel(int(cell)) for cell in self.fibers.cells[row])
+        what, n, p = folded[0]
+        voxel, other = self._voxel(n), self._voxel(p)
         return Failure(
-            f"a fiber folded: its element from voxel {voxel} to {other} has turned by more than a quarter turn; "
-            "check the moduli and the strain",
+            f"{what} from voxel {voxel} to {other} folded: its ends passed each other or turned by more than a "
+            "quarter turn; check the moduli and the strain",
             voxel,
             when,
         )
+
+    def _folded_links(self) -> list[tuple[str, int, int]]:
+        """What is folded, and between which two cells."""
+        links = [
+            ("the link", int(n), int(n) + axis.step)
+            for axis in AXES
+            for n in np.flatnonzero(plane(self.planes, axis.links + REGIME) == FOLDED)
+        ]
+        elements = self.fibers.cells[self.fibers.large == FOLDED]
+        return links + [("a fiber's element", int(n), int(p)) for n, p in elements]
 
     def _components(self, at: int, count: int) -> NDArray[np.float64]:
         columns = [plane(self.planes, at + c * PLANE)[self.cells] for c in range(count)]

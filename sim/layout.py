@@ -65,12 +65,14 @@ AXES = (X, Y, Z)
 
 DYNAMIC_SIZE = HISTORY + 18 * PLANE
 # At rest there is no history. In its place: the loads of the sweep before (forces and moments, 6), the inverse
-# of the stiffness, the places at the last check and the change since, and partial sums.
+# of the stiffness, the places at the last check, the change since, the places when the sheet first looked calm, and
+# partial sums.
 LAST_LOADS = HISTORY
 SOFTNESS = LAST_LOADS + 6 * PLANE
 CHECKED = SOFTNESS + PLANE
 CHANGE = CHECKED + 3 * PLANE
-SUMS = CHANGE + 3 * PLANE
+CALM = CHANGE + 3 * PLANE
+SUMS = CALM + 3 * PLANE
 EQUILIBRIUM_SIZE = SUMS + PLANE
 
 

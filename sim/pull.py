@@ -121,7 +121,7 @@ def pull(
     `remembers`: the links keep their strains and damp the change; `damped` is 1, or 0 where there is no
     history yet.
     """
-    folded = pull_fibers(planes, fibers, law, damped, remembers)
+    folded = pull_fibers(planes, fibers, law)
     folded = pull_along(planes, law, Z, strain, damped, remembers) | folded
     folded = pull_along(planes, law, Y, strain, damped, remembers) | folded
     return pull_along(planes, law, X, strain, damped, remembers) | folded

@@ -1,7 +1,7 @@
 """Whether a lattice is at rest: what its voxels still move and bear, apart from a motion as a rigid body.
 
 The links' moments do not balance exactly, so a sheet at rest goes on turning slowly, and faster and faster
-where nothing stops it: that bends nothing. All in double precision, in the units of `sim.layout`.
+where nothing stops it: that bends nothing. Summed in double precision, in the units of `sim.layout`.
 """
 
 import math
@@ -10,7 +10,6 @@ from sim.kernel import inlined, kernel
 from sim.layout import (
     CELLS,
     CHANGE,
-    CHECKED,
     LAST_LOADS,
     LAYER,
     MOVE,
@@ -37,14 +36,17 @@ _HARDLY_ANY = 1e-6
 
 
 @kernel
-def moved(planes: Planes) -> float:
-    """Root mean square over the voxels of the move since the last call, in pitches, without the rigid part."""
+def moved(planes: Planes, since: int) -> float:
+    """Root mean square over the voxels of the move since the last such call, in pitches, without the rigid part.
+
+    `since` are the planes, CHECKED or CALM, that remember the places of that call.
+    """
     for component in range(0, 3 * PLANE, PLANE):
         for n in range(CELLS):
             now = planes[MOVE + component + n]
-            change = now - planes[CHECKED + component + n]
+            change = now - planes[since + component + n]
             planes[CHANGE + component + n] = planes[VOXEL + n] * change
-            planes[CHECKED + component + n] = now
+            planes[since + component + n] = now
     return flexing(planes, CHANGE, False)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,7 +110,8 @@ def build_sheet(
     jammed, in whatever order the fibers come. As "elements" they lie on the face, each beside the others.
 
     Raises:
-        SimError: the two sequences differ in length, or a fiber's face or end is not on the sheet.
+        SimError: the two sequences differ in length, a fiber's face or end is not on the sheet, or there is no
+            such way to take fibers.
     """
     if len(fibers) != len(jammed):
         raise SimError(f"{len(fibers)} fibers but {len(jammed)} jammed flags: give one flag for each fiber")
@@ -118,6 +119,8 @@ def build_sheet(
     material = np.full(GRID, EMPTY, np.int8)
     for k, code in enumerate((PASSIVE, EXPANDING, PASSIVE)):
         material[sheet_columns, k] = code
+    if fibers_as not in get_args(FiberModel):
+        raise SimError(f"fibers as {fibers_as!r}: use {' or '.join(map(repr, get_args(FiberModel)))}")
     elements: list[FaceElement] = []
     for fiber, is_jammed in sorted(zip(fibers, jammed, strict=True), key=lambda pair: pair[1]):
         if fiber.face not in FACE_LAYER:
@@ -174,6 +177,8 @@ def _check_materials(materials: Materials) -> None:
 
 def _check_elements(material: NDArray[np.int8], elements: Sequence[FaceElement]) -> None:
     for element in elements:
+        if element.face not in FACE_LAYER:
+            raise SimError(f"a fiber's element is on face {element.face!r}: use 'top' or 'bottom'")
         k = FACE_LAYER[element.face]
         for column in (element.start, element.end):
             if min(column) < 0 or max(column) >= GRID[0] or material[(*column, k)] == EMPTY:

@@ -53,7 +53,7 @@ class Dynamic:
         """One shape or failure for each sheet, in order.
 
         Raises:
-            SimError: a start is given (time begins at rest), a sheet asks for too many steps, or workers < 1.
+            SimError: a start is given (time begins at rest), the inflation goes beyond 0.6, or workers < 1.
         """
         if starts is not None:
             raise SimError("a run through time begins at rest: give starts to the equilibrium solver only")
@@ -108,8 +108,8 @@ def _each(
     """Threads, because the kernels run without the GIL; nothing is shared between sheets."""
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if workers < 1:
-        raise SimError(f"{workers} workers: give at least 1, or None for one for each core")
+    if not isinstance(workers, int) or workers < 1:
+        raise SimError(f"{workers} workers: give a whole number from 1, or None for one for each core")
     if min(workers, len(sheets)) <= 1:
         return list(map(solve_one, sheets, starts))
     with ThreadPoolExecutor(min(workers, len(sheets))) as pool:

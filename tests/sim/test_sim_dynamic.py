@@ -7,11 +7,12 @@ from sim.dynamic import dynamic, move_voxels
 from sim.errors import SimError
 from sim.geometry import CENTRED, PUBLISHED
 from sim.inflation import PUBLISHED_PROTOCOL, RampAndHold, Sine
-from sim.lattice import MAX_MOVE, Lattice, plane
+from sim.lattice import MAX_MOVE, Lattice, plane, voxel_mass_kg
 from sim.layout import DYNAMIC_SIZE, MOVE, PLANE, TURN
 from sim.materials import Materials
 from sim.shape import Failure, Shape
 from sim.sheet import Fiber, Sheet, build_sheet, rest_positions_m
+from sim.solver import Dynamic
 
 
 def off_mm(shape, positions_m):
@@ -120,7 +121,29 @@ def test_a_time_that_is_none_is_refused(times_s):
         RampAndHold(0.1, **times_s)
 
 
-def test_a_modulus_that_asks_for_too_many_steps_is_refused():
+def test_a_modulus_that_asks_for_too_many_steps_fails_alone(voxel_pair):
     hard = Sheet(build_sheet([], []).material, Materials(passive_pa=1e9))
-    with pytest.raises(SimError, match=r"time steps of .* above the limit of 2000000"):
-        dynamic(hard, RampAndHold(0.1, read_at_s=10.0))
+    failure, shape = Dynamic(RampAndHold(0.1, read_at_s=10.0)).solve([hard, voxel_pair(0)])
+    assert "time steps of" in failure.reason
+    assert "above the limit of 2000000" in failure.reason
+    assert isinstance(shape, Shape)
+
+
+def test_a_fold_after_the_last_step_is_no_shape(load_golden, monkeypatch):
+    """A run that ends with the step that folds it fails like one that goes on."""
+    monkeypatch.setattr(module, "_PUSH", 25 * module._PUSH)
+    sheet = load_golden("cylinder_known").sheet
+    dt_s = module.time_step_s(Lattice(sheet, DYNAMIC_SIZE, "float32").modulus_pa, voxel_mass_kg(sheet))
+    longer = dynamic(sheet, RampAndHold(0.1, ramp_s=50 * dt_s, read_at_s=100 * dt_s))
+    at = int(longer.when.split()[2])
+    for steps in (at, at + 1):
+        shorter = dynamic(sheet, RampAndHold(0.1, ramp_s=50 * dt_s, read_at_s=(steps - 0.5) * dt_s))
+        assert isinstance(shorter, Failure), steps
+    assert isinstance(dynamic(sheet, RampAndHold(0.1, ramp_s=50 * dt_s, read_at_s=(at - 1.5) * dt_s)), Shape)
+
+
+def test_a_run_in_pieces_is_one_run(load_golden, monkeypatch):
+    sheet, inflation = load_golden("flat").sheet, RampAndHold(0.2, ramp_s=0.005, read_at_s=0.01)
+    whole = dynamic(sheet, inflation)
+    monkeypatch.setattr(module, "_STEPS_AT_A_TIME", 37)
+    np.testing.assert_array_equal(dynamic(sheet, inflation).positions_m, whole.positions_m)

@@ -104,6 +104,30 @@ def displaced(start, height_m):
     return Shape(positions_m, 0, 0.0, start.orientations, start.large)
 
 
+def test_a_start_with_its_quaternions_negated_is_the_same_start(load_golden):
+    sheet = load_golden("cylinder_known").sheet
+    start = equilibrium(sheet, 0.15)
+    signs = np.random.default_rng(1).choice([-1.0, 1.0], size=(len(start.orientations), 1))
+    negated = Shape(start.positions_m, 0, start.strain, signs * start.orientations, start.large)
+    (one, other) = (equilibrium(sheet, 0.16, start=shape) for shape in (start, negated))
+    assert distance_mm(register(sheet, one), register(sheet, other)).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    "orientations, message",
+    [
+        (np.tile([2.0, 0.0, 0.0, 0.0], (1827, 1)), "orientation of length 2"),
+        (np.zeros((1827, 3)), r"orientations \(1827, 3\)"),
+    ],
+)
+def test_a_start_without_unit_quaternions_is_refused(orientations, message, load_golden):
+    sheet = load_golden("flat").sheet
+    start = equilibrium(sheet, 0.0)
+    wrong = Shape(start.positions_m, 0, 0.0, orientations, start.large)
+    with pytest.raises(SimError, match=message):
+        equilibrium(sheet, 0.1, start=wrong)
+
+
 @pytest.mark.parametrize("wrong", [float("nan"), float("inf")])
 def test_a_start_that_is_not_finite_is_refused(wrong, load_golden):
     sheet = load_golden("flat").sheet
@@ -117,6 +141,35 @@ def test_a_voxel_out_of_the_sane_range_is_a_failure_that_names_it(load_golden):
     assert isinstance(failure, Failure)
     assert sheet.material[failure.voxel] != 0
     assert "diverged" in failure.reason
+
+
+def comb():
+    """A spine of stiff voxels with five long thin teeth: they bend so easily that they come to rest very slowly."""
+    material = np.zeros((28, 28, 3), np.int8)
+    material[:9, :2] = 3
+    for i in range(0, 9, 2):
+        material[i, 2:24, 0], material[i, 2:24, 1] = 1, 2
+    return Sheet(material)
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_a_sheet_that_creeps_is_not_taken_for_one_at_rest(precision):
+    """It moves next to nothing in a sweep for thousands of sweeps, and is millimetres from its rest."""
+    result = equilibrium(comb(), 0.1, precision=precision)
+    if isinstance(result, Shape):
+        again = equilibrium(comb(), 0.1, start=result, precision="float64")
+        assert distance_mm(register(comb(), result), register(comb(), again)).max() < 0.2
+    else:
+        assert "did not come to rest" in result.reason
+
+
+@pytest.mark.parametrize("columns, stiff", [((6, 4), np.s_[:6, :4, 2]), ((4, 3), np.s_[:4, 1, 2])])
+def test_a_small_stiff_sheet_settles(columns, stiff):
+    """The unbalanced moments of its links would spin it up."""
+    material = np.zeros((28, 28, 3), np.int8)
+    material[: columns[0], : columns[1]] = (1, 2, 1)
+    material[stiff] = 3
+    assert isinstance(equilibrium(Sheet(material), DEFAULT_STRAIN), Shape)
 
 
 def test_a_sheet_that_does_not_settle_is_a_failure(load_golden, monkeypatch):

@@ -4,13 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from oracle.face_fibers import face_loads
+from scipy.spatial.transform import Rotation
 
 from sim.dynamic import dynamic
 from sim.equilibrium import equilibrium
 from sim.errors import SimError
-from sim.geometry import CENTRED, PUBLISHED
+from sim.face_fibers import pull_fibers
+from sim.geometry import CENTRED, PITCH_M, PUBLISHED
 from sim.heights import height_field_m
 from sim.inflation import RampAndHold
+from sim.lattice import Lattice, plane
+from sim.law import constants
+from sim.layout import EQUILIBRIUM_SIZE, FIBER_LOADS, PLANE
 from sim.materials import MEASURED_JAMMING, PASSIVE, Materials
 from sim.registration import register
 from sim.shape import Shape
@@ -76,6 +82,66 @@ def test_a_held_run_through_time_comes_to_the_same_rest():
     from_rest_mm = 1e3 * np.linalg.norm(register(sheet, rest) - rest_positions_m(sheet), axis=1)
     assert from_rest_mm.max() > 1.0
     assert apart_mm.max() < 0.02
+
+
+@pytest.mark.parametrize("materials", [Materials(), MEASURED_JAMMING])
+@pytest.mark.parametrize("size, share_large", [(0.003, 0.0), (0.02, 0.2), (0.1, 0.9)])
+def test_every_voxel_is_pulled_as_by_the_oracle(size, share_large, materials):
+    """Straight, diagonal and crossing elements of both kinds on both faces, moved and turned at random."""
+    fibers = [
+        Fiber("top", (0.03, 0.05), (0.11, 0.09)),
+        Fiber("bottom", (0.11, 0.03), (0.04, 0.10)),
+        Fiber("top", (0.07, 0.02), (0.07, 0.12)),
+        Fiber("bottom", (0.02, 0.07), (0.12, 0.07)),
+    ]
+    sheet = build_sheet(fibers, [True, False, False, True], CENTRED, materials, "elements")
+    lattice = Lattice(sheet, EQUILIBRIUM_SIZE, "float64")
+    moves, turns = np.random.default_rng(1).normal(scale=size, size=(2, len(lattice.cells), 3))
+    orientations = Rotation.from_rotvec(turns)
+    positions_m = rest_positions_m(sheet) + PITCH_M * moves
+    lattice.take_up(
+        Shape(positions_m, 0, 0.0, orientations.as_quat(scalar_first=True), np.zeros(lattice.links, bool))
+    )
+    assert not pull_fibers(lattice.planes, lattice.fibers, constants("float64"))
+    large = lattice.fibers.large == 1
+    assert large.mean() >= share_large
+
+    force_n, moment_nm = face_loads(sheet, positions_m, orientations, list(large))
+    loads = [plane(lattice.planes, FIBER_LOADS + c * PLANE)[lattice.cells] for c in range(6)]
+    ours = np.column_stack(loads) * lattice.modulus_pa * PITCH_M**2
+    np.testing.assert_allclose(ours[:, :3], force_n, atol=1e-10 * np.abs(force_n).max())
+    np.testing.assert_allclose(ours[:, 3:] * PITCH_M, moment_nm, atol=1e-10 * np.abs(moment_nm).max())
+
+
+def test_an_element_that_turns_on_itself_is_folded():
+    sheet = strip(along_x("top"))
+    start = equilibrium(sheet, 0.0)
+    turned = start.orientations.copy()
+    turned[np.flatnonzero((sheet.voxels() == (3, 1, 2)).all(axis=1))] = (0.0, 0.0, 1.0, 0.0)
+    lattice = Lattice(sheet, EQUILIBRIUM_SIZE, "float32")
+    lattice.take_up(replace(start, orientations=turned))
+    assert pull_fibers(lattice.planes, lattice.fibers, constants("float32"))
+    failure = equilibrium(sheet, 0.0, start=replace(start, orientations=turned))
+    assert "folded" in failure.reason
+
+
+@pytest.mark.parametrize("count", [4, 7, 10])
+def test_many_fibers_through_one_place_move_in_peace(count):
+    """A star of fibers, held: the time step is short enough for all that pull at the middle."""
+    angles = np.arange(count) * np.pi / count + 0.1
+    ends = 0.045 * np.column_stack([np.cos(angles), np.sin(angles)])
+    fibers = [Fiber("top", tuple(0.07 - end), tuple(0.07 + end)) for end in ends]
+    sheet = build_sheet(fibers, [True] * count, PUBLISHED, fibers_as="elements")
+    shapes = [dynamic(sheet, RampAndHold(0.05, ramp_s=0.02, read_at_s=t)) for t in (0.06, 0.0605)]
+    middle = np.hypot(*(sheet.voxels()[:, :2] - 13).T) < 4
+    moves_mm = 1e3 * (shapes[1].positions_m - shapes[0].positions_m)[middle]
+    assert np.abs(moves_mm - moves_mm.mean(axis=0)).max() < 0.01
+
+
+def test_fibers_laid_over_one_another_move_in_peace():
+    fibers = [Fiber("top", (0.07, 0.02 + 0.001 * n), (0.07, 0.11 + 0.001 * n)) for n in range(8)]
+    sheet = build_sheet(fibers, [True] * 8, PUBLISHED, fibers_as="elements")
+    assert isinstance(dynamic(sheet, RampAndHold(0.05, ramp_s=0.02, read_at_s=0.04)), Shape)
 
 
 def test_elements_pull_at_nothing_as_a_whole(load_golden):
