@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from labctl.report.sheet_drawing import SheetDrawing, sheet_drawing
+from labctl.report.sheet_summary import unpublished_physics
 from labctl.report.stiffener_style import handles, style
 from labctl.subject import Simulated
 from labctl.whole_file import whole_file
@@ -83,7 +84,7 @@ def sheet_figure(simulated: Simulated) -> Figure:
     )
     figure = Figure(figsize=_SIZE_IN)
     # A name is no formula, whatever dollar signs it has.
-    figure.suptitle(_title(simulated), parse_math=False)
+    figure.suptitle(_title(simulated), y=0.99, parse_math=False)
     scale = "to scale" if heights.times == 1 else f"z drawn {heights.times} times larger"
     figure.text(0.25, 0.84, f"Top face, deformed ({scale})", ha="center", fontsize="large")
     _draw_surface(figure.add_axes((-0.02, 0.06, 0.51, 0.78), projection="3d"), drawing, heights)
@@ -104,7 +105,7 @@ def _title(simulated: Simulated) -> str:
         pressure = "" if subject.pressure_psi is None else f" ({subject.pressure_psi:.2f} psi)"
         how = f"held at strain {simulated.strain:.4f}{pressure}, solver equilibrium"
     name = subject.name if len(subject.name) <= _LONGEST_NAME else f"...{subject.name[3 - _LONGEST_NAME :]}"
-    return f"{name}\n{how}"
+    return "\n".join([name, how, *unpublished_physics(simulated)])
 
 
 def _draw_surface(axes: Any, drawing: SheetDrawing, heights: _Heights) -> None:  # noqa: ANN401 - untyped Axes3D

@@ -13,11 +13,15 @@ def facts(simulated: Simulated) -> dict[str, Any]:
     """What was simulated, how, and how low and high its top face is, for JSON."""
     subject = simulated.subject
     rise_mm = top_rise_mm(simulated)
+    bending_pa = subject.sheet.materials.jammed_bending_pa
     return {
         "of": subject.name,
         "geometry": subject.cut.name if subject.known_cut else None,
         "solver": simulated.solver,
         "strain": simulated.held_strain,
+        "pressure_psi": subject.pressure_psi,
+        "fibers": "elements" if subject.sheet.face_elements else "voxels",
+        **({} if bending_pa is None else {"jammed_bending_pa": bending_pa}),
         "steps": simulated.steps,
         "voxels": len(simulated.positions_m),
         "lowest_mm": float(np.nanmin(rise_mm)),
@@ -36,9 +40,19 @@ def headline(simulated: Simulated) -> str:
         )
     if told["strain"] is not None:
         lines.append(f"held at linear strain {told['strain']:.5f}")
+    lines += unpublished_physics(simulated)
     lowest, highest = _rounded(told["lowest_mm"], 2), _rounded(told["highest_mm"], 2)
     lines.append(f"top face from {lowest} to {highest} mm above its place at rest")
     return "\n".join(lines)
+
+
+def unpublished_physics(simulated: Simulated) -> list[str]:
+    """One line on how the fibers are not taken as published, for people; none if they are."""
+    sheet = simulated.subject.sheet
+    said = ["fibers as elements on the face"] if sheet.face_elements else []
+    if (bending_pa := sheet.materials.jammed_bending_pa) is not None:
+        said.append(f"a jammed fiber bends with {bending_pa / 1e3:g} kPa")
+    return [", ".join(said)] if said else []
 
 
 def height_table(simulated: Simulated) -> tuple[list[str], list[list[str]]]:

@@ -62,6 +62,15 @@ def test_says_what_it_shows(slanted):
     ]
 
 
+def test_the_title_says_what_is_not_as_published(slanted):
+    materials = replace(slanted.subject.sheet.materials, jammed_bending_pa=137_800.0)
+    sheet = replace(slanted.subject.sheet, materials=materials)
+
+    figure = sheet_figure(replace(slanted, subject=replace(slanted.subject, sheet=sheet)))
+
+    assert figure._suptitle.get_text().endswith("\na jammed fiber bends with 137.8 kPa")
+
+
 def test_jammed_and_unjammed_above_and_underneath_are_told_apart_without_colour(slanted):
     (legend,) = sheet_figure(slanted).legends
     jammed, idle = legend.get_lines()
