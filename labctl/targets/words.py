@@ -28,6 +28,8 @@ _ROUND: dict[str, Callable[[Geometry, float], Target]] = {
     "cylinder-y": lambda cut, radius_m: cylinder(cut, "y", radius_m),
 }
 _SADDLES: dict[str, Callable[[Geometry, float], Target]] = {"saddle": saddle, "monkey-saddle": monkey_saddle}
+# Far beyond any sheet; further out the arithmetic of arcs overflows. A limit may be off by its rounding.
+_SHORTEST_M, _LONGEST_M = 1e-6 * (1 - 1e-9), 1e3 * (1 + 1e-9)
 _FORMS = (
     "pattern:NAME, sphere-cap:15mm or sphere-cap:radius=150mm, cylinder-x: and cylinder-y: likewise, saddle:20mm, "
     "monkey-saddle:20mm, 'z = 0.01*(x**2 - y**2)' with x, y and z in mm from the sheet's centre, FILE.csv or "
@@ -95,6 +97,9 @@ def _radius_m(argument: str) -> float:
 
 def _length_m(text: str) -> float:
     try:
-        return to_unit(text, LENGTH) / 1e3
+        length_m = to_unit(text, LENGTH) / 1e3
     except BadInput as error:
         raise BadInput(f"{text!r} {error}") from None
+    if not _SHORTEST_M <= abs(length_m) <= _LONGEST_M:
+        raise BadInput(f"{text!r} is out of bounds: give a length from 1 um to 1 km, of either sign")
+    return length_m
