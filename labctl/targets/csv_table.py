@@ -58,10 +58,15 @@ def read_table(path: Path) -> HeightTable:
         BadInput: the file cannot be read, its head is another, a row has not as many cells, or there is none.
     """
     try:
+        # Opening a pipe would wait for whoever writes to it.
+        if path.exists() and not path.is_file():
+            raise BadInput(f"{path}: is not a file; name a .csv")
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file, strict=True)
             rows = [(reader.line_num, cells) for cells in reader if cells]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
         raise BadInput(f"{path}: cannot be read as CSV: {error}") from error
     head = [name.strip() for name in rows[0][1]] if rows else []
     places = [pair for pair in PLACES if set(pair) <= set(head)]

@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import numpy as np
@@ -110,8 +111,11 @@ def test_a_cloud_that_does_not_surround_the_sheet_names_the_column(csv_file):
 
 
 def test_what_is_no_csv_file_is_refused(tmp_path):
-    assert "No such file" in refused(tmp_path / "nowhere.csv")
-    assert "directory" in refused(tmp_path)
+    assert refused(tmp_path / "nowhere.csv") == ": cannot be read: No such file or directory"
+    (tmp_path / "folder.csv").mkdir()
+    os.mkfifo(tmp_path / "pipe.csv")
+    for name in ("folder.csv", "pipe.csv"):
+        assert refused(tmp_path / name) == ": is not a file; name a .csv"
     (tmp_path / "bytes.csv").write_bytes(b"i,j,\xff\xfe_mm\n")
     assert "cannot be read as CSV" in refused(tmp_path / "bytes.csv")
 
