@@ -18,11 +18,12 @@ def check_writable(path: Path) -> None:
     try:
         if not path.parent.is_dir():
             raise BadInput(f"{path}: there is no folder {path.parent}; make it, or name another")
-        there = path.stat() if path.exists() else None
+        # Not asked for with exists(), to which a link to itself is simply not there.
+        there = path.stat()
+    except FileNotFoundError:
+        return
     except OSError as error:
         raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from error
-    if there is None:
-        return
     if not stat.S_ISREG(there.st_mode):
         raise BadInput(f"{path}: is there already and is not a file; name another")
     # The bits, not os.access: root may write whatever someone has protected.
@@ -34,7 +35,8 @@ def same_file(one: Path, other: Path) -> bool:
     """Whether two paths name one file, whether by links or because neither is there yet."""
     try:
         return one.resolve() == other.resolve() or (one.exists() and other.exists() and one.samefile(other))
-    except OSError:
+    # Of a link to itself resolve() makes a RuntimeError; whether it can be written is asked elsewhere.
+    except (OSError, RuntimeError):
         return False
 
 

@@ -51,7 +51,11 @@ def test_places_that_cannot_be_written_are_refused(tmp_path):
     protected = tmp_path / "protected.txt"
     protected.touch(mode=0o444)
     (tmp_path / "folder.txt").mkdir()
+    loop = tmp_path / "loop.txt"
+    loop.symlink_to("loop.txt")
+    assert not same_file(loop, protected)
     for path, words in (
+        (loop, "symbolic links"),
         (tmp_path / "none" / "shape.txt", "no folder"),
         (tmp_path / "folder.txt", "is not a file"),
         (protected, "read-only"),
