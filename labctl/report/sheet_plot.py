@@ -1,5 +1,6 @@
 """A simulated sheet as a picture: its top face in space with the fibers on it, and its height map."""
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ _COLOURS = "cividis"
 _FLAT_MM = 0.05
 _SHOWN_MM = (-6.0, 146.0)
 _TICKS_MM = (0, 35, 70, 105, 140)
-_SIZE_IN, _DOTS_PER_IN = (15.0, 8.0), 110
+_SIZE_IN, _DOTS_PER_IN, _MARGIN_IN = (15.0, 8.0), 110, 0.2
 # Letters that can still be read in a picture shown at half its size.
 _STYLE: Any = {
     "font.size": 16.0,
@@ -36,7 +37,8 @@ _STYLE: Any = {
 # More would hide the middle of a bowl behind its rim, seen from this far above.
 _DRAWN_HEIGHT_MM, _SEEN_FROM_DEGREES = 32.0, 42.0
 _BOX_HEIGHT_MM = 40.0
-_LONGEST_NAME = 90
+# What is left of a longer name: its beginning and its end, which tell names apart.
+_LONGEST_NAME, _NAME_BEGINS, _NAME_ENDS = 80, 30, 47
 
 
 @dataclass(frozen=True)
@@ -71,8 +73,13 @@ def write_sheet_plot(path: Path, simulated: Simulated) -> None:
     Raises:
         BadInput: it cannot be written; nothing half-written is left.
     """
-    with whole_file(path) as unfinished, matplotlib.rc_context(_STYLE):
-        sheet_figure(simulated).savefig(unfinished, dpi=_DOTS_PER_IN)
+    with whole_file(path) as unfinished, matplotlib.rc_context(_STYLE), warnings.catch_warnings():
+        # A letter that the font lacks is drawn as a box; whoever chose the name knows it.
+        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from", UserWarning)
+        # Tight, so that no title and no scale with many digits is cut off at the edge.
+        sheet_figure(simulated).savefig(
+            unfinished, dpi=_DOTS_PER_IN, bbox_inches="tight", pad_inches=_MARGIN_IN
+        )
 
 
 def sheet_figure(simulated: Simulated) -> Figure:
@@ -84,7 +91,8 @@ def sheet_figure(simulated: Simulated) -> Figure:
     )
     figure = Figure(figsize=_SIZE_IN)
     # A name is no formula, whatever dollar signs it has.
-    figure.suptitle(_title(simulated), y=0.99, parse_math=False)
+    # Its lines go up from here: however many there are, none lies on what is below.
+    figure.suptitle(_title(simulated), y=0.9, va="bottom", parse_math=False)
     scale = "to scale" if heights.times == 1 else f"z drawn {heights.times} times larger"
     figure.text(0.25, 0.84, f"Top face, deformed ({scale})", ha="center", fontsize="large")
     _draw_surface(figure.add_axes((-0.02, 0.06, 0.51, 0.78), projection="3d"), drawing, heights)
@@ -104,7 +112,9 @@ def _title(simulated: Simulated) -> str:
     else:
         pressure = "" if subject.pressure_psi is None else f" ({subject.pressure_psi:.2f} psi)"
         how = f"held at strain {simulated.strain:.4f}{pressure}, solver equilibrium"
-    name = subject.name if len(subject.name) <= _LONGEST_NAME else f"...{subject.name[3 - _LONGEST_NAME :]}"
+    name = subject.name
+    if len(name) > _LONGEST_NAME:
+        name = f"{name[:_NAME_BEGINS]}...{name[-_NAME_ENDS:]}"
     return "\n".join([name, how, *unpublished_physics(simulated)])
 
 

@@ -1,3 +1,4 @@
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -100,3 +101,21 @@ def test_an_uninflated_sheet_with_a_strange_name_can_be_drawn(slanted, tmp_path)
     write_sheet_plot(tmp_path / "flat.png", flat)
 
     assert (tmp_path / "flat.png").stat().st_size > 10_000
+
+
+def test_letters_that_the_font_lacks_warn_nobody(slanted, tmp_path):
+    subject = replace(slanted.subject, name="design \u677f, pattern one")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_sheet_plot(tmp_path / "sheet.png", replace(slanted, subject=subject))
+
+
+def test_a_long_name_is_shortened_in_its_middle(slanted):
+    subject = replace(slanted.subject, name="begins " + "long " * 40 + "ends")
+
+    name = sheet_figure(replace(slanted, subject=subject))._suptitle.get_text().splitlines()[0]
+
+    assert len(name) == 80
+    assert name.startswith("begins ")
+    assert name.endswith(" ends")
+    assert "..." in name
