@@ -11,7 +11,7 @@ from labctl.subject import Simulated, Subject, sheet_frame_m, top_rise_mm
 from sim.geometry import GRID
 from sim.heights import material_points
 from sim.materials import JAMMED, UNJAMMED
-from sim.sheet import FACE_LAYER
+from sim.sheet import FACE_LAYER, FaceElement
 
 Kind = Literal["line", "cells"]
 _POINTS_A_FIBER = 60
@@ -22,7 +22,7 @@ class Stiffener:
     """A fiber to draw as a line, or the cells of all fiber voxels of one state and side.
 
     `points_mm` float64 (m, 3): on the deformed top face, also for what is underneath; `places_mm`: the ends
-    (2, 2) of a line, or the cells (m, 2), on the uninflated sheet. Both in the sheet frame.
+    (2, 2) or points (m, 2) of a line, or the cells (m, 2), on the uninflated sheet. Both in the sheet frame.
     """
 
     kind: Kind
@@ -52,14 +52,17 @@ class SheetDrawing:
 
 
 def sheet_drawing(simulated: Simulated) -> SheetDrawing:
-    """What to draw of a simulated sheet: a design's fibers as lines, a voxel file's fiber voxels as cells."""
+    """What to draw of a simulated sheet: a design's fibers as lines, a voxel file's fiber voxels as cells.
+
+    A voxel file's elements are lines too.
+    """
     subject = simulated.subject
     places_mm = np.array([subject.cut.to_sheet_m(index) for index in range(GRID[0])]) * 1e3
     surface_mm = _surface_mm(simulated)
     if subject.fibers:
         stiffeners = tuple(_line(simulated, fiber, jammed) for fiber, jammed in subject.fibers)
     else:
-        stiffeners = _cells(subject, surface_mm, places_mm)
+        stiffeners = _cells(subject, surface_mm, places_mm) + _elements(subject, surface_mm, places_mm)
     return SheetDrawing(surface_mm, places_mm, places_mm, stiffeners)
 
 
@@ -94,3 +97,26 @@ def _cells(
                 places = np.column_stack([places_mm[i], places_mm[j]])
                 found.append(Stiffener("cells", code == JAMMED, on_top, surface_mm[i, j], places))
     return tuple(found)
+
+
+def _elements(
+    subject: Subject, surface_mm: NDArray[np.float64], places_mm: NDArray[np.float64]
+) -> tuple[Stiffener, ...]:
+    """Elements as lines; those that go on from one another are one line, so that its dashes go through."""
+    lines: list[tuple[FaceElement, list[tuple[int, int]]]] = []
+    for element in subject.sheet.face_elements:
+        if lines and _goes_on(*lines[-1], element):
+            lines[-1][1].append(element.end)
+        else:
+            lines.append((element, [element.start, element.end]))
+    found = []
+    for first, columns in lines:
+        i, j = np.array(columns).T
+        places = np.column_stack([places_mm[i], places_mm[j]])
+        found.append(Stiffener("line", first.jammed, first.face == "top", surface_mm[i, j], places))
+    return tuple(found)
+
+
+def _goes_on(first: FaceElement, columns: list[tuple[int, int]], element: FaceElement) -> bool:
+    alike = (first.face, first.jammed) == (element.face, element.jammed)
+    return alike and columns[-1] == element.start

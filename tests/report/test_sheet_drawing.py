@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from labctl.report.sheet_drawing import sheet_drawing
+from sim.sheet import FaceElement, build_sheet
 
 
 def test_the_height_map_is_over_columns_i_then_j(slanted):
@@ -43,3 +44,21 @@ def test_without_fibers_their_voxels_are_marked(slanted):
     assert jammed.points_mm[-1] == pytest.approx([105.0, 40.0, 20.7])
     assert (idle.jammed, idle.on_top) == (False, False)
     assert idle.places_mm[:, 0] == pytest.approx(30.0)
+
+
+def test_a_voxel_files_elements_are_lines(slanted):
+    elements = (
+        FaceElement("top", (13, 13), (14, 13), True),
+        FaceElement("top", (14, 13), (15, 14), True),
+        FaceElement("bottom", (15, 14), (15, 15), False),
+    )
+    sheet = replace(build_sheet((), ()), face_elements=elements)
+    of_file = replace(slanted, subject=replace(slanted.subject, sheet=sheet, fibers=()))
+
+    jammed, idle = sheet_drawing(of_file).stiffeners
+
+    assert (jammed.kind, jammed.jammed, jammed.on_top) == ("line", True, True)
+    assert jammed.places_mm == pytest.approx(np.array([[70.0, 70.0], [75.0, 70.0], [80.0, 75.0]]))
+    assert jammed.points_mm[-1] == pytest.approx([80.0, 75.0, 16.4])
+    assert (idle.kind, idle.jammed, idle.on_top) == ("line", False, False)
+    assert idle.places_mm == pytest.approx(np.array([[80.0, 75.0], [80.0, 80.0]]))
