@@ -44,7 +44,7 @@ print(time.perf_counter() - started)
 MEMORY = """
 import sys
 sys.path.insert(0, {here!r})
-from sim_speed import BATCH, TINY, Dynamic, Equilibrium, peak_mib, random_sheets
+from sim_speed import BATCH, Dynamic, Equilibrium, peak_mib, random_sheets
 {solver}.solve(random_sheets(BATCH))
 print(peak_mib())
 """
@@ -241,7 +241,7 @@ def main() -> None:
     print()
     row("memory and first call", "dynamic", "equilibrium")
     row("---", "---", "---")
-    solvers = ("Dynamic(TINY, workers={0})", "Equilibrium(0.05, workers={0})")
+    solvers = ("Dynamic(workers={0})", "Equilibrium(workers={0})")
     one_mib = [memory_mib(solver, 1) for solver in solvers]
     many_mib = [memory_mib(solver, BATCH) for solver in solvers]
     row("process, one sheet in flight", *(f"{mib:.0f} MiB" for mib in one_mib))

@@ -1,5 +1,6 @@
 """`labctl simulate`: the shape of a pattern of a design, or of any map of materials."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -128,8 +129,12 @@ def simulate(as_json: bool, **options: Any) -> None:  # noqa: ANN401 - click's v
 
     design = None if wanted.voxel_path is not None else _design(wanted)
     subject = _of_voxels(wanted.voxel_path, wanted) if design is None else _of_pattern(design, wanted)
-    compile_kernels(lambda text: click.echo(f"labctl: {text}", err=True), wanted.solver, wanted.precision)
-    target = _target(wanted, design, subject)
+
+    def compile_first() -> None:
+        compile_kernels(lambda text: click.echo(f"labctl: {text}", err=True), wanted.solver, wanted.precision)
+
+    target = _target(wanted, design, subject, compile_first)
+    compile_first()
     simulated = solve(subject, wanted.solver, wanted.precision)
     comparison = None if target is None else _compared(simulated, target, wanted)
     _write(simulated, wanted)
@@ -171,7 +176,9 @@ def _of_voxels(voxel_path: Path | None, wanted: _Wanted) -> "Subject":
     return voxel_subject(file, wanted.strain)
 
 
-def _target(wanted: _Wanted, design: "Design | None", subject: "Subject") -> "Target | None":
+def _target(
+    wanted: _Wanted, design: "Design | None", subject: "Subject", compile_first: Callable[[], None]
+) -> "Target | None":
     """The target, before the sheet itself is solved: a mistake in its words is told at once."""
     if wanted.target_words is None:
         return None
@@ -184,6 +191,7 @@ def _target(wanted: _Wanted, design: "Design | None", subject: "Subject") -> "Ta
         if design is None:
             raise click.UsageError("a voxel file has no patterns to compare with")
         other = replace(subject, sheet=sheet_of(design, pattern), name=f"target pattern:{pattern}")
+        compile_first()
         solved = solve(other, wanted.solver, wanted.precision)
         return height_field_m(other.sheet, solved.positions_m, wanted.surface)
 
@@ -216,7 +224,8 @@ def _tell(
 
     named = {"out": wanted.out_path, "plot": wanted.plot_path}
     if as_json:
-        told = facts(simulated) | {key: path and str(path) for key, path in named.items()}
+        told = facts(simulated) | {"precision": wanted.precision}
+        told |= {key: path and str(path) for key, path in named.items()}
         emit_json(told | {"target": None if comparison is None else comparison.for_machines()})
         return
     click.echo(headline(simulated))
