@@ -93,6 +93,17 @@ def test_a_voxel_is_lost_beyond_the_width_of_the_sheet(off, left, load_golden):
         assert "diverged" in failure.reason
 
 
+def test_a_voxel_that_leaves_ends_the_run_at_once(load_golden, monkeypatch):
+    """The flat sheet grows by some mm in the plane: with a limit of 1 mm its rim leaves first."""
+    monkeypatch.setattr(module, "MAX_MOVE", 0.2)
+    sheet = load_golden("flat").sheet
+    failure = dynamic(sheet)
+    assert "diverged" in failure.reason
+    i, j, _ = failure.voxel
+    assert np.hypot(i - 13, j - 13) > 10
+    assert 0 < int(failure.when.split()[2]) < 1000
+
+
 def test_a_number_that_is_none_is_no_shape(load_golden):
     sheet = load_golden("flat").sheet
     lattice = Lattice(sheet, DYNAMIC_SIZE, "float32")

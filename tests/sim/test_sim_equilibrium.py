@@ -143,6 +143,13 @@ def test_a_voxel_out_of_the_sane_range_is_a_failure_that_names_it(load_golden):
     assert "folded" in failure.reason
 
 
+def test_a_voxel_that_leaves_ends_the_sweeps_at_once(load_golden, monkeypatch):
+    monkeypatch.setattr(module, "MAX_MOVE", 0.2)
+    failure = equilibrium(load_golden("flat").sheet, DEFAULT_STRAIN)
+    assert "diverged" in failure.reason
+    assert 0 < int(failure.when.split()[2]) < 100
+
+
 def comb():
     """A spine of stiff voxels with five long thin teeth: they bend so easily that they come to rest very slowly."""
     material = np.zeros((28, 28, 3), np.int8)

@@ -89,6 +89,32 @@ def test_separate_moduli_in_tension_and_in_bending(load_golden):
         moves = moves * 1.01
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_regimes_change_where_the_oracles_do(axis, voxel_pair):
+    """By turn and by extension, up and down again, with hysteresis."""
+    twins = Twins(voxel_pair(axis))
+    across = (axis + 1) % 3
+    large = []
+    for along, aside in (
+        (0.59, 0),
+        (0.61, 0),
+        (0.51, 0),
+        (0.49, 0),
+        (0, 0.059),
+        (0, 0.061),
+        (0, 0.051),
+        (0, 0.049),
+    ):
+        moves = np.zeros((2, 3))
+        moves[1, axis], moves[1, across] = along, aside
+        twins.put(moves, np.zeros((2, 3)))
+        (force, _), (our_force, _) = twins.pull(False)
+        np.testing.assert_allclose(our_force, force, atol=1e-12)
+        large.append(bool(twins.lattice.shape(0, STRAIN).large[0]))
+        assert large[-1] == twins.oracle.large[0]
+    assert large == [False, True, True, False, False, True, True, False]
+
+
 @pytest.mark.parametrize("axis", [X, Y, Z])
 def test_a_link_that_turns_on_itself_is_folded(axis, voxel_pair):
     twins = Twins(voxel_pair(axis.number))
