@@ -150,24 +150,15 @@ def test_a_voxel_that_leaves_ends_the_sweeps_at_once(load_golden, monkeypatch):
     assert 0 < int(failure.when.split()[2]) < 100
 
 
-def comb():
-    """A spine of stiff voxels with five long thin teeth: they bend so easily that they come to rest very slowly."""
-    material = np.zeros((28, 28, 3), np.int8)
-    material[:9, :2] = 3
-    for i in range(0, 9, 2):
-        material[i, 2:24, 0], material[i, 2:24, 1] = 1, 2
-    return Sheet(material)
-
-
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 def test_a_sheet_that_creeps_is_not_taken_for_one_at_rest(precision):
-    """It moves next to nothing in a sweep for thousands of sweeps, and is millimetres from its rest."""
-    result = equilibrium(comb(), 0.1, precision=precision)
-    if isinstance(result, Shape):
-        again = equilibrium(comb(), 0.1, start=result, precision="float64")
-        assert distance_mm(register(comb(), result), register(comb(), again)).max() < 0.2
-    else:
-        assert "did not come to rest" in result.reason
+    """A stiff spine with fourteen long thin teeth: for thousands of sweeps it hardly moves, mm from its rest."""
+    comb = np.zeros((28, 28, 3), np.int8)
+    comb[:, 0, :] = 3
+    comb[::2, :, 0], comb[::2, :, 1] = 1, 2
+    result = equilibrium(Sheet(comb), 0.1, precision=precision)
+    assert isinstance(result, Failure)
+    assert "did not come to rest: after 20000 sweeps" in result.reason
 
 
 @pytest.mark.parametrize("columns, stiff", [((6, 4), np.s_[:6, :4, 2]), ((4, 3), np.s_[:4, 1, 2])])
