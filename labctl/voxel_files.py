@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from labctl.errors import BadInput
 from sim.errors import SimError
-from sim.geometry import CENTRED, PITCH_M, PUBLISHED, Geometry, columns
+from sim.geometry import PITCH_M, Geometry, geometry_of
 from sim.materials import EMPTY, Materials
 from sim.sheet import Sheet, elements_from_array
 from sim.strain import check_strain
@@ -81,11 +81,10 @@ def read_voxels(path: Path) -> VoxelFile:
 
 def cut_of(sheet: Sheet) -> Geometry | None:
     """The geometry whose columns are exactly those that hold a voxel; None if there is none."""
-    filled = (sheet.material != EMPTY).any(axis=2)
-    for cut in (PUBLISHED, CENTRED):
-        if (filled == columns(cut)).all():
-            return cut
-    return None
+    try:
+        return geometry_of((sheet.material != EMPTY).any(axis=2))
+    except SimError:
+        return None
 
 
 def _arrays(path: Path) -> tuple[list[str], dict[str, NDArray[Any]]]:
