@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from functools import cache
 from itertools import pairwise
 from typing import Literal, get_args
 
@@ -26,6 +27,15 @@ class Fiber:
     face: Face
     start_m: tuple[float, float]
     end_m: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class LaidFiber:
+    """A fiber as the grid has it: the columns (i, j) that it runs over, end to end, and whether it is jammed."""
+
+    face: Face
+    cells: tuple[tuple[int, int], ...]
+    jammed: bool
 
 
 @dataclass(frozen=True)
@@ -115,23 +125,49 @@ def build_sheet(
     """
     if len(fibers) != len(jammed):
         raise SimError(f"{len(fibers)} fibers but {len(jammed)} jammed flags: give one flag for each fiber")
-    sheet_columns = columns(geometry)
-    material = np.full(GRID, EMPTY, np.int8)
-    for k, code in enumerate((PASSIVE, EXPANDING, PASSIVE)):
-        material[sheet_columns, k] = code
-    if fibers_as not in get_args(FiberModel):
-        raise SimError(f"fibers as {fibers_as!r}: use {' or '.join(map(repr, get_args(FiberModel)))}")
-    elements: list[FaceElement] = []
-    for fiber, is_jammed in sorted(zip(fibers, jammed, strict=True), key=lambda pair: pair[1]):
+    for fiber in fibers:
         if fiber.face not in FACE_LAYER:
             raise SimError(f"a fiber is on face {fiber.face!r}: use 'top' or 'bottom'")
-        cells = line_cells(column_at(geometry, *fiber.start_m), column_at(geometry, *fiber.end_m))
+    if fibers_as not in get_args(FiberModel):
+        raise SimError(f"fibers as {fibers_as!r}: use {' or '.join(map(repr, get_args(FiberModel)))}")
+    laid = [
+        LaidFiber(
+            fiber.face,
+            line_cells(column_at(geometry, *fiber.start_m), column_at(geometry, *fiber.end_m)),
+            is_jammed,
+        )
+        for fiber, is_jammed in zip(fibers, jammed, strict=True)
+    ]
+    material, elements = lay_fibers(laid, geometry, fibers_as)
+    return Sheet(material, materials or Materials(), elements)
+
+
+def lay_fibers(
+    fibers: Sequence[LaidFiber], geometry: Geometry, fibers_as: FiberModel
+) -> tuple[NDArray[np.int8], tuple[FaceElement, ...]]:
+    """The material codes int8 (28, 28, 3) and the face elements of a sheet with these fibers; checks nothing.
+
+    A voxel under any jammed fiber is jammed, in whatever order the fibers come.
+    """
+    material = _bare(geometry).copy()
+    elements: list[FaceElement] = []
+    for fiber in sorted(fibers, key=lambda each: each.jammed):
         if fibers_as == "elements":
-            elements += [FaceElement(fiber.face, a, b, is_jammed) for a, b in pairwise(cells)]
+            elements += [FaceElement(fiber.face, a, b, fiber.jammed) for a, b in pairwise(fiber.cells)]
             continue
-        for i, j in cells:
-            material[i, j, FACE_LAYER[fiber.face]] = JAMMED if is_jammed else UNJAMMED
-    return Sheet(material, materials or Materials(), tuple(elements))
+        i, j = zip(*fiber.cells, strict=True)
+        material[i, j, FACE_LAYER[fiber.face]] = JAMMED if fiber.jammed else UNJAMMED
+    return material, tuple(elements)
+
+
+@cache
+def _bare(geometry: Geometry) -> NDArray[np.int8]:
+    """The material codes of a sheet without fibers."""
+    material = np.full(GRID, EMPTY, np.int8)
+    for k, code in enumerate((PASSIVE, EXPANDING, PASSIVE)):
+        material[columns(geometry), k] = code
+    material.flags.writeable = False
+    return material
 
 
 def _check_codes(material: NDArray[np.int8]) -> None:

@@ -1,0 +1,1 @@
+"""Evolution of fiber layouts: genomes, variation, constraints, AFPO, scoring, checkpoints, workers."""

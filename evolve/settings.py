@@ -1,0 +1,141 @@
+"""The settings of a run: everything that its result depends on, as data that can be kept in a file."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+
+from evolve.afpo import Afpo
+from evolve.constraints import Constraints
+from evolve.errors import EvolveError
+from evolve.problem import Physics, Problem
+from evolve.selection import Crowding
+from evolve.variation import Variation
+from sim.errors import SimError
+from sim.geometry import geometry
+from sim.heights import Surface
+from sim.materials import Materials
+from sim.score import Scoring
+from sim.targets.target import Target
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A problem, the constraints, and how to search.
+
+    `notes` is whatever the caller wants to find again beside a run (the sheet's design, versions); nothing here
+    reads it.
+    """
+
+    problem: Problem
+    constraints: Constraints
+    seed: int
+    population: int = 100
+    crowding: Crowding = "contribution"
+    variation: Variation = field(default_factory=Variation)
+    notes: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.problem.targets) != self.constraints.patterns:
+            raise EvolveError(
+                f"{len(self.problem.targets)} targets, but constraints for {self.constraints.patterns} patterns"
+            )
+
+    def engine(self) -> Afpo:
+        """A search at its beginning.
+
+        Raises:
+            EvolveError: as `Afpo`.
+        """
+        return Afpo(self.population, self.constraints, self.variation, self.crowding, self.seed)
+
+    @property
+    def digest(self) -> str:
+        """Names the settings: runs with equal ones are equal, bit for bit."""
+        told = settings_to_json(self)
+        del told["notes"]
+        return sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+
+
+def settings_to_json(settings: Settings) -> dict[str, Any]:
+    """What JSON can hold; floats keep every bit."""
+    problem, physics = settings.problem, settings.problem.physics
+    return {
+        "targets": [_target_to_json(target) for target in problem.targets],
+        "physics": asdict(physics) | {"geometry": physics.geometry.name},
+        "surface": problem.surface,
+        "scoring": asdict(problem.scoring),
+        "constraints": asdict(settings.constraints) | {"geometry": settings.constraints.geometry.name},
+        "seed": settings.seed,
+        "population": settings.population,
+        "crowding": settings.crowding,
+        "rates": dict(settings.variation.rates),
+        "notes": dict(settings.notes),
+    }
+
+
+def settings_from_json(told: Mapping[str, Any]) -> Settings:
+    """The settings that `settings_to_json` wrote.
+
+    Raises:
+        EvolveError: they are not such.
+    """
+    try:
+        physics = dict(told["physics"])
+        physics["geometry"] = geometry(physics["geometry"])
+        physics["materials"] = Materials(**physics["materials"])
+        constraints = dict(told["constraints"])
+        constraints["geometry"] = geometry(constraints["geometry"])
+        surface: Surface = told["surface"]
+        targets = tuple(_target_from_json(target) for target in told["targets"])
+        return Settings(
+            Problem(Physics(**physics), targets, surface, Scoring(**told["scoring"])),
+            Constraints(**constraints),
+            told["seed"],
+            told["population"],
+            told["crowding"],
+            Variation(dict(told["rates"])),
+            dict(told["notes"]),
+        )
+    except (KeyError, TypeError, AttributeError, SimError) as error:
+        raise EvolveError(f"the settings are not those of a run ({type(error).__name__}: {error})") from error
+
+
+def differences(one: Settings, other: Settings) -> list[str]:
+    """What differs, by name, but for the notes."""
+    ours, theirs = settings_to_json(one), settings_to_json(other)
+    found = []
+    for name in ours:
+        if name == "notes" or ours[name] == theirs[name]:
+            continue
+        if name == "targets":
+            names = [", ".join(target["name"] for target in told[name]) for told in (ours, theirs)]
+            found.append(f"targets ({names[0]} / {names[1]})")
+        elif isinstance(ours[name], dict):
+            keys = sorted(
+                key for key in ours[name] | theirs[name] if ours[name].get(key) != theirs[name].get(key)
+            )
+            found += [f"{key} ({ours[name].get(key)} / {theirs[name].get(key)})" for key in keys]
+        else:
+            found.append(f"{name} ({ours[name]} / {theirs[name]})")
+    return found
+
+
+def _target_to_json(target: Target) -> dict[str, Any]:
+    rows = [[None if np.isnan(h) else h for h in row] for row in target.heights_m.tolist()]
+    return {
+        "name": target.name,
+        "source": target.source,
+        "geometry": target.geometry.name,
+        "heights_m": rows,
+    }
+
+
+def _target_from_json(told: Mapping[str, Any]) -> Target:
+    heights_m = np.array(
+        [[np.nan if h is None else h for h in row] for row in told["heights_m"]], dtype=np.float64
+    )
+    return Target(told["name"], told["source"], geometry(told["geometry"]), heights_m)

@@ -1,0 +1,1 @@
+"""Who simulates: this process, processes beside it, or a cluster."""
