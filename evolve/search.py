@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from evolve.afpo import Afpo, Errors
+from evolve.afpo import Afpo
 from evolve.checkpoint import Checkpoint, GenerationRecord
 from evolve.errors import EvolveError
 from evolve.evaluation import Clock, Evaluation
 from evolve.front import Front
 from evolve.random_layouts import random_genome
-from evolve.selection import Member
 from evolve.settings import Settings
 from evolve.workers.pool import Pool, Stopped
 
@@ -32,7 +31,7 @@ def search(
     stopped: Stopped = lambda: False,
     begun: Checkpoint | None = None,
 ) -> Iterator[Checkpoint]:
-    """Search until generation `generations`, counted from 0; yields each checkpoint after `keep` has it.
+    """Search through so many generations, the first random one included; yields each checkpoint after `keep` has it.
 
     With `begun`, goes on from there: the result is that of a search that was never interrupted, bit for bit,
     whatever the pool.
@@ -54,7 +53,7 @@ def search(
         random_m, front, records = begun.random_m, begun.front, begun.records
         evaluation.counts = replace(records[-1].counts)
         began_s -= records[-1].seconds
-    while engine.generation < generations:
+    while engine.generation + 1 < generations:
         genomes = engine.ask()
         front = front.with_(engine.tell(evaluation.errors_m(genomes)))
         record = _record(engine, front, reference_m, evaluation, clock() - began_s)
@@ -90,11 +89,4 @@ def _record(
         front.hypervolume(reference_m),
         replace(evaluation.counts),
         seconds,
-    )
-
-
-def front_of(members: list[Member], errors_m: list[Errors]) -> Front:
-    """The front of members scored anew."""
-    return Front().with_(
-        replace(member, errors_m=errors) for member, errors in zip(members, errors_m, strict=True)
     )
