@@ -24,6 +24,7 @@ COMMANDS = {
     "status": ("labctl.cli.status", "status", "What the instruments read now; changes nothing."),
     "doctor": ("labctl.cli.doctor", "doctor", "Who is connected and which protections this rig really has."),
     "simulate": ("labctl.cli.simulate", "simulate", "The shape of a pattern or of a voxel file."),
+    "evolve": ("labctl.cli.evolve", "evolve", "Search for fiber layouts that take several shapes."),
     "compare": ("labctl.cli.compare", "compare", "Measured heights against a pattern's simulation."),
     "doubles": ("labctl.cli.doubles", "doubles", "Byte-level doubles of the instruments."),
 }

@@ -62,6 +62,11 @@ class ProgressLine:
             self._teller.tell("")
         self._teller.finish()
 
+    @property
+    def live(self) -> bool:
+        """Whether the line is rewritten in place."""
+        return self._live
+
     def show(self, step: str, detail: str = "") -> None:
         """Show where things are."""
         if self._quiet:

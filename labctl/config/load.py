@@ -37,7 +37,28 @@ def load_design(name_or_path: str | Path) -> Design:
         BadInput: no such design, or the file cannot be read.
         ConfigError: it has mistakes.
     """
-    document = _design_document(name_or_path)
+    return _design(_design_document(name_or_path))
+
+
+def design_text(name_or_path: str | Path) -> str:
+    """The text of a design file, to be kept and read again by `design_from_text`.
+
+    Raises:
+        BadInput: no such design, or the file cannot be read.
+    """
+    return _design_document(name_or_path).text
+
+
+def design_from_text(text: str, source: str) -> Design:
+    """The design of a file's text; `source` is where it came from.
+
+    Raises:
+        ConfigError: it has mistakes.
+    """
+    return _design(parse_document(text.encode(), source))
+
+
+def _design(document: Document) -> Design:
     design, problems = validate(document, DesignFile)
     problems += design_problems(document)
     if design is None or problems:

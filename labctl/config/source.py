@@ -18,9 +18,10 @@ _AT_LINE = re.compile(r"\s*\(at line (\d+), column (\d+)\)")
 
 @dataclass(frozen=True)
 class Document:
-    """A parsed file: where it came from, its table as TOML has it, and the line of each key path."""
+    """A parsed file: where it came from, its text, its table as TOML has it, and the line of each key path."""
 
     source: str
+    text: str
     table: Mapping[str, Any]
     lines: Mapping[KeyPath, int]
 
@@ -65,7 +66,7 @@ def parse_document(content: bytes, source: str) -> Document:
         line = content.count(b"\n", 0, error.start) + 1
         raise BadInput(f"{source}:{line}: is not UTF-8 text; save the file as UTF-8") from None
     try:
-        return Document(source, tomllib.loads(text), key_lines(text))
+        return Document(source, text, tomllib.loads(text), key_lines(text))
     except RecursionError:
         problem = Problem(source, 1, "", None, "is nested too deep; a configuration file needs three levels")
         raise ConfigError([problem]) from None

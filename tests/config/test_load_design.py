@@ -186,7 +186,7 @@ ANYTHING = st.recursive(
 @given(key=st.sampled_from(["name", "sheet", "fibers", "patterns", "stranger"]), value=ANYTHING)
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_value_anywhere_ends_in_another_error(design_file, key, value):
-    document = Document("design.toml", tomllib.loads(design_file().read_text()) | {key: value}, {})
+    document = Document("design.toml", "", tomllib.loads(design_file().read_text()) | {key: value}, {})
     design, problems = validate(document, DesignFile)
     assert (design is None) == bool(problems)
     for problem in [*problems, *design_problems(document)]:

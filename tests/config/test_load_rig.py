@@ -320,7 +320,7 @@ def test_no_value_anywhere_ends_in_another_error(rig_file, changes):
             inner = inner.get(parent, {}) if isinstance(inner, dict) else {}
         if isinstance(inner, dict):
             inner[last] = value
-    document = Document("rig.toml", table, {})
+    document = Document("rig.toml", "", table, {})
     rig, problems = validate(document, RigFile)
     assert (rig is None) == bool(problems)
     for problem in [*problems, *rig_problems(document)]:

@@ -1,0 +1,155 @@
+"""What a person chooses for a search, and the settings that follow from it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from platform import python_version
+from typing import Any, Literal
+
+from evolve.constraints import Constraints, Representation
+from evolve.problem import Physics, Problem
+from evolve.selection import Crowding
+from evolve.settings import Settings
+from evolve.variation import DEFAULT_RATES, OPERATORS, PUBLISHED_RATES, Variation
+from labctl.config.design import Design
+from labctl.config.load import design_text, load_design, load_rig
+from labctl.config.schema_design import CHANNELS, SHORTEST_FIBER_MM
+from labctl.errors import BadInput
+from labctl.evolution.targets import full_words, split_words, targets_of
+from labctl.simulation import materials_of
+from sim.geometry import geometry
+from sim.heights import Surface
+from sim.kernel import Precision
+from sim.score import Alignment, Columns, Scoring
+from sim.solver import SolverName
+
+CompileFirst = Callable[[SolverName, Precision], None]
+ScoringName = Literal["default", "published"]
+_VERSIONS_OF = ("labctl", "numpy", "scipy", "numba", "moocore")
+
+
+@dataclass(frozen=True)
+class Choices:
+    """A search in the words of the command line; `rates` None for the default ones."""
+
+    targets: str
+    design: str = "known"
+    representation: Representation = "shared"
+    population: int = 100
+    fibers_per_face: int = 6
+    min_length_mm: float = SHORTEST_FIBER_MM
+    rig: str | None = None
+    scoring: ScoringName = "default"
+    surface: Surface = "top"
+    alignment: Alignment = "none"
+    rates: Mapping[str, float] | None = None
+    crowding: Crowding = "contribution"
+
+
+# What the paper's runs did, as far as it is known; generations are the command's.
+PUBLISHED: Mapping[str, Any] = {
+    "representation": "exclusive",
+    "scoring": "published",
+    "surface": "bottom",
+    "rates": dict(PUBLISHED_RATES),
+    "crowding": "twins",
+}
+
+
+def settings_of(choices: Choices, seed: int, compile_first: CompileFirst) -> Settings:
+    """The settings of a run with that seed; targets that are patterns are simulated for it.
+
+    `compile_first` is called with the solver and its precision before that.
+
+    Raises:
+        BadInput: a target, the design or the rig cannot be used, or the constraints contradict each other.
+        EvolveError: likewise, from the evolution itself.
+    """
+    design = load_design(choices.design)
+    words = split_words(choices.targets)
+    channels = _channels(choices.rig)
+    if choices.min_length_mm < SHORTEST_FIBER_MM:
+        raise BadInput(
+            f"--min-length {choices.min_length_mm:g} mm: the shortest fiber that can be fabricated is "
+            f"{SHORTEST_FIBER_MM:g} mm; use that or more"
+        )
+    constraints = Constraints(
+        geometry(design.sheet.geometry),
+        len(words),
+        choices.representation,
+        choices.min_length_mm / 1e3,
+        choices.fibers_per_face,
+        valves=len(channels),
+    )
+    notes = {
+        "choices": asdict(choices),
+        "design": {"source": design.source, "text": design_text(choices.design)},
+        "channels": channels,
+        "versions": {"python": python_version()} | {name: version(name) for name in _VERSIONS_OF},
+    }
+    return Settings(
+        problem_of(choices, design, choices.scoring, compile_first),
+        constraints,
+        seed,
+        choices.population,
+        choices.crowding,
+        Variation(DEFAULT_RATES if choices.rates is None else dict(choices.rates)),
+        notes,
+    )
+
+
+def problem_of(
+    choices: Choices, design: Design, scoring: ScoringName, compile_first: CompileFirst
+) -> Problem:
+    """The targets and how a layout is scored; "published" is the paper's way, whatever else was chosen.
+
+    Raises:
+        BadInput: a target cannot be made for this sheet.
+    """
+    words = split_words(choices.targets)
+    cut, materials = geometry(design.sheet.geometry), materials_of(design)
+    if scoring == "published":
+        physics = Physics(cut, materials, design.physics.fibers, "dynamic")
+        simulated = all(full_words(word, design).startswith("pattern:") for word in words)
+        # The paper compared every 20th column with simulated targets, and all of them with equations.
+        compile_first(physics.solver, physics.precision)
+        columns: Columns = "every-20th" if simulated else "all"
+        targets = targets_of(words, design, physics, "bottom")
+        return Problem(physics, targets, "bottom", Scoring(columns, "whole-mm"))
+    physics = Physics(cut, materials, design.physics.fibers, "equilibrium", design.sheet.rated_strain)
+    compile_first(physics.solver, physics.precision)
+    targets = targets_of(words, design, physics, choices.surface)
+    return Problem(physics, targets, choices.surface, Scoring(alignment=choices.alignment))
+
+
+def parse_rates(text: str) -> dict[str, float]:
+    """Rates from "near=0.5,count=0.2"; operators that are not named are off.
+
+    Raises:
+        BadInput: no such operator, or no number.
+    """
+    rates: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, value = (piece.strip() for piece in part.partition("="))
+        try:
+            rate = float(value)
+        except ValueError:
+            rate = -1.0
+        if name not in OPERATORS or not 0 <= rate < float("inf"):
+            raise BadInput(
+                f"--rates {text!r}: {part.strip()!r} is no operator with a rate from 0 up; write near=0.5,count=0.2 "
+                f"with some of {', '.join(OPERATORS)}"
+            )
+        rates[name] = rate
+    if not any(rates.values()):
+        raise BadInput(f"--rates {text!r}: every operator is off; give one a rate above 0")
+    return rates
+
+
+def _channels(rig_path: str | None) -> list[int]:
+    """The valve channels that fibers can have: all of the rig's but the dump valve's, or of the largest board."""
+    if rig_path is None:
+        return list(range(1, CHANNELS + 1))
+    valves = load_rig(Path(rig_path)).valves
+    return [channel for channel in range(1, valves.channels + 1) if channel != valves.dump_channel]

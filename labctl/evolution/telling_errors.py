@@ -1,0 +1,23 @@
+"""What the evolution refuses or loses, as the laboratory's own errors with their exit codes."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from evolve.errors import EvolveError, WorkersLost
+from labctl.errors import BadInput, LabError
+
+
+@contextmanager
+def lab_errors() -> Iterator[None]:
+    """Turn what `evolve` raises while inside into errors that a command can end with.
+
+    Raises:
+        BadInput: something given cannot be used.
+        LabError: the workers are lost, or a checkpoint could not be written.
+    """
+    try:
+        yield
+    except EvolveError as error:
+        raise BadInput(str(error)) from error
+    except WorkersLost as error:
+        raise LabError(str(error)) from error
