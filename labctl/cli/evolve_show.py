@@ -52,7 +52,7 @@ def show(run: Path, published: bool, as_json: bool) -> None:
 )
 @click.option("--member", type=click.IntRange(min=0), help="Instead: the member of the front with this id.")
 @click.option(
-    "--seed", type=click.IntRange(min=0), help="Of which run, where there are several.  [default: the best]"
+    "--seed", type=click.IntRange(min=0), help="Of which run, if there are several.  [default: the best]"
 )
 @json_option
 def pick(
@@ -93,9 +93,8 @@ def pick(
         emit_json({"design": str(path), "seed": of_run.settings.seed, **_member(of_run.settings, chosen)})
         return
     click.echo(f"{said} of seed {of_run.settings.seed}, member {chosen.id}: {errors}")
-    click.echo(
-        f"written: {path}; next: labctl inflate --design {path} --pattern {of_run.settings.problem.targets[0].name}"
-    )
+    pattern = of_run.settings.problem.targets[0].name
+    click.echo(f"written: {path}; next: labctl inflate --design {path} --pattern {pattern}")
 
 
 def tell_runs(path: Path, as_json: bool, *, published: bool) -> None:

@@ -10,7 +10,7 @@ from evolve.run_folder import RunFolder
 from evolve.search import search
 from evolve.settings import Settings
 from evolve.workers.pool import Pool, Stopped
-from labctl.errors import BadInput, LabError
+from labctl.errors import BadInput
 
 _SEED_FOLDER = "seed-"
 
@@ -47,14 +47,11 @@ def resume_runs(path: Path, generations: int | None) -> list[PlannedRun]:
     """The runs of a folder, to be gone on with; with more generations than they were begun with, if given.
 
     Raises:
-        BadInput: there is none, or it has gone further already.
+        BadInput: one has gone further already.
         EvolveError: a run.json or checkpoint cannot be used; nothing was overwritten.
     """
-    folders = run_folders(path)
-    if not folders:
-        raise BadInput(f"{path}: holds no run to resume: begin one without --resume")
     planned = []
-    for folder in folders:
+    for folder in run_folders(path):
         settings, wanted = folder.load()
         checkpoint = folder.checkpoint()
         done = 0 if checkpoint is None else checkpoint.state.generation + 1
@@ -90,18 +87,12 @@ def carry_on(run: PlannedRun, pool: Pool, clock: Clock, stopped: Stopped) -> Ite
 
     Raises:
         EvolveError: another process works on the run, or its checkpoint cannot be used.
-        LabError: a checkpoint could not be written; the one before is still there.
+        OSError: a checkpoint could not be written; the one before is still there.
         SearchStopped, WorkersLost: as `evolve.search.search`.
     """
 
     def keep(checkpoint: Checkpoint) -> None:
-        try:
-            run.folder.save(run.settings, checkpoint)
-        except OSError as error:
-            raise LabError(
-                f"{run.folder.path}: generation {checkpoint.state.generation} could not be written "
-                f"({error.strerror or error}); the one before is still there: make room, then --resume"
-            ) from error
+        run.folder.save(run.settings, checkpoint)
 
     with run.folder.locked():
         begun = run.folder.checkpoint()

@@ -13,7 +13,7 @@ def lab_errors() -> Iterator[None]:
 
     Raises:
         BadInput: something given cannot be used.
-        LabError: the workers are lost, or a checkpoint could not be written.
+        LabError: the workers are lost, or a file of the run could not be written.
     """
     try:
         yield
@@ -21,3 +21,9 @@ def lab_errors() -> Iterator[None]:
         raise BadInput(str(error)) from error
     except WorkersLost as error:
         raise LabError(str(error)) from error
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        raise LabError(
+            f"{where}could not be written ({error.strerror or error}); what was kept before is still there: make "
+            "room, then labctl evolve --resume"
+        ) from error
