@@ -88,7 +88,7 @@ def pick(
     ]
     path = out_path or run / f"{rule if member is None else f'member-{member}'}.toml"
     with whole_file(path) as unfinished:
-        unfinished.write_text(design_toml(chosen, of_run.settings, path.stem, remarks))
+        unfinished.write_text(design_toml(chosen, of_run.settings, _name(of_run.settings, chosen), remarks))
     if as_json:
         emit_json({"design": str(path), "seed": of_run.settings.seed, **_member(of_run.settings, chosen)})
         return
@@ -181,6 +181,11 @@ def _member(settings: "Settings", member: "Member") -> dict[str, Any]:
     names = [target.name for target in settings.problem.targets]
     errors_mm = {name: 1e3 * error for name, error in zip(names, member.errors_m or (), strict=True)}
     return {"member": member.id, "age": member.age, "fibers": len(member.genome), "errors_mm": errors_mm}
+
+
+def _name(settings: "Settings", member: "Member") -> str:
+    names = [target.name for target in settings.problem.targets]
+    return "-".join([*names, f"seed{settings.seed}", f"member{member.id}"])
 
 
 def _errors_words(settings: "Settings", member: "Member") -> str:

@@ -140,7 +140,7 @@ def served(tmp_path_factory):
         yield doubles
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def labctl():
     return run_labctl
 

@@ -1,0 +1,252 @@
+import json
+import os
+import time
+
+import pytest
+
+from evolve.run_folder import RunFolder
+from labctl.cli.main import run
+from labctl.config.load import load_design
+from labctl.doubles.rig_file import rig_toml
+from labctl.doubles.settings import DoublesSettings
+from labctl.evolution.running import run_folders
+from labctl.simulation import sheet_of
+
+ONE_EACH = ("--representation", "exclusive", "--fibers-per-face", "1")
+SEARCH = ("--targets", "cylinder,sphere", "--population", "6", "--generations", "3", "--seed", "4")
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory, labctl):
+    """A short search that nothing interrupted, and what it told."""
+    folder = tmp_path_factory.mktemp("searched") / "a"
+    ended = labctl("evolve", *SEARCH, "--out", folder, "--workers", 2, "--json")
+    assert ended.code == 0, ended.err
+    return folder, json.loads(ended.out)
+
+
+def bytes_of(folder):
+    return {path.name: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def fails(capsys, *arguments):
+    """The one message of a command that is refused."""
+    assert run(["evolve", *map(str, arguments)]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith("labctl: ")
+    assert "Traceback" not in message
+    return message
+
+
+def test_a_search_tells_what_it_found(searched):
+    folder, told = searched
+    (found,) = told["runs"]
+
+    assert found["generations"] == 3
+    assert found["sheets"] == 2 * (100 + 3 * 6)
+    assert 0 < found["simulated"] <= found["sheets"]
+    assert found["failed"] == 0
+    assert 0 < found["hypervolume"] < 1
+    assert found["picks"]["paper"] in found["front"]
+    assert sum(found["picks"]["paper"]["errors_mm"].values()) == pytest.approx(
+        min(sum(member["errors_mm"].values()) for member in found["front"])
+    )
+    assert (folder / "index.html").stat().st_size > 1000
+
+
+def test_a_pick_is_the_sheet_that_was_scored(searched, capsys):
+    folder, _ = searched
+    out = folder.parent / "picked.toml"
+
+    assert run(["evolve", "pick", str(folder), "--out", str(out), "--json"]) == 0
+
+    told = json.loads(capsys.readouterr().out)
+    checkpoint, (settings, _) = RunFolder(folder).checkpoint(), RunFolder(folder).load()
+    (member,) = (each for each in checkpoint.front.members if each.id == told["member"])
+    design = load_design(out)
+    assert sorted(design.patterns) == ["cylinder", "sphere"]
+    for pattern, voxel_map in zip(("cylinder", "sphere"), settings.problem.maps(member.genome), strict=True):
+        assert sheet_of(design, pattern).material.tobytes() == voxel_map.material
+        errors_mm = {name: error / 1e3 for name, error in told["errors_mm"].items()}
+        index = ("cylinder", "sphere").index(pattern)
+        assert settings.problem.score(voxel_map).errors_m[index] == pytest.approx(
+            errors_mm[pattern], rel=1e-12
+        )
+
+
+def test_a_member_is_picked_by_its_id(searched, capsys):
+    folder, told = searched
+    member = told["runs"][0]["front"][-1]["member"]
+
+    assert run(["evolve", "pick", str(folder), "--member", str(member), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["member"] == member
+    assert (folder / f"member-{member}.toml").exists()
+
+    assert run(["evolve", "pick", str(folder), "--member", "99999"]) == 2
+    assert "is not on the front" in capsys.readouterr().err
+
+
+def test_show_scores_the_published_way_too(searched, capsys):
+    folder, told = searched
+
+    assert run(["evolve", "show", str(folder), "--published", "--json"]) == 0
+
+    (shown,) = json.loads(capsys.readouterr().out)["runs"]
+    assert shown["front"] == told["runs"][0]["front"]
+    assert {each["member"] for each in shown["published"]} == {each["member"] for each in shown["front"]}
+    for each in shown["published"]:
+        # 31 heights in whole mm: the mean of their differences is a multiple of 1/31 mm.
+        assert all(
+            31 * error == pytest.approx(round(31 * error), abs=1e-6) for error in each["errors_mm"].values()
+        )
+
+
+@pytest.mark.parametrize("after", [0.0, 0.3])
+def test_a_killed_search_ends_as_if_nothing_had_been(searched, start, tmp_path, after):
+    folder, _ = searched
+    running = start("evolve", *SEARCH, "--out", tmp_path / "b", "--workers", 2)
+    end_s = time.monotonic() + 40
+    while not (tmp_path / "b" / "checkpoint.json").exists():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+    time.sleep(after)
+    running.signal(9)
+    running.end()
+
+    assert run(["evolve", "--resume", "--out", str(tmp_path / "b"), "--workers", "1"]) == 0
+
+    assert (tmp_path / "b" / "population.json").read_bytes() == (folder / "population.json").read_bytes()
+
+
+def test_ctrl_c_keeps_the_generations(start, tmp_path):
+    running = start("evolve", *SEARCH[:-3], "400", "--out", tmp_path / "c", "--workers", 2)
+    running.wait_for("generation 1 of 400")
+    running.signal()
+    ended = running.end()
+
+    assert ended.code == 130
+    assert "every finished generation is kept" in ended.err
+    assert RunFolder(tmp_path / "c").checkpoint().state.generation >= 0
+
+
+def test_more_generations_and_several_seeds(tmp_path, capsys):
+    out = tmp_path / "several"
+    short = ["--targets", "saddle:20mm", "--population", "2", "--workers", "1", "--out", str(out), "--json"]
+
+    assert run(["evolve", *short, "--generations", "1", "--seeds", "7,3"]) == 0
+    assert (
+        run(["evolve", "--resume", "--out", str(out), "--generations", "2", "--workers", "1", "--json"]) == 0
+    )
+
+    told = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert [(each["seed"], each["generations"]) for each in told["runs"]] == [(3, 2), (7, 2)]
+    assert [folder.path.name for folder in run_folders(out)] == ["seed-3", "seed-7"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--targets", "cylindre"], "no target is called 'cylindre'"),
+        (["--targets", "cylinder,,sphere"], "a target is missing"),
+        (["--targets", "cylinder,cylinder"], "is there twice"),
+        (["--targets", "saddle:2000km"], "2000km"),
+        (["--targets", "none.csv"], "none.csv"),
+        (["--min-length", "150 mm"], "the longest that fits"),
+        (["--min-length", "40 mm"], "shortest fiber that can be fabricated"),
+        (["--min-length", "60 parsnips"], "--min-length"),
+        (["--fibers-per-face", "17"], "32 valves"),
+        (
+            [
+                "--targets",
+                "cylinder,sphere,saddle",
+                "--representation",
+                "exclusive",
+                "--fibers-per-face",
+                "1",
+            ],
+            "at least 3",
+        ),
+        (["--rates", "near=x"], "near=x"),
+        (["--rates", "nera=1"], "nera=1"),
+        (["--rates", "near=0"], "every operator is off"),
+        (["--rates", "near=1", "--without", "near"], "leave one on"),
+        (["--without", "nera"], "no such operator"),
+        (["--seeds", "1,1"], "--seeds"),
+        (["--seeds", "1", "--seed", "2"], "not both"),
+        (["--scoring", "published", "--surface", "top"], "--surface"),
+        (["--workers", "0"], "--workers"),
+        (["--workers", "2", "--cluster", "tcp://127.0.0.1:1"], "--cluster"),
+        (["--cluster", "tcp://127.0.0.1:1"], "127.0.0.1:1"),
+        (["--design", "nothing"], "no design named"),
+        (["--rig", "nothing.toml"], "nothing.toml"),
+        (["--resume"], "holds no run to resume"),
+    ],
+)
+def test_bad_input_is_refused_and_leaves_no_folder(tmp_path, monkeypatch, capsys, options, words):
+    monkeypatch.chdir(tmp_path)
+    given = (
+        options if "--targets" in options or "--resume" in options else ["--targets", "cylinder", *options]
+    )
+
+    assert words in fails(capsys, *given, "--out", "a")
+    assert not (tmp_path / "a").exists()
+
+
+def test_a_rig_with_few_valves_bounds_the_fibers(tmp_path, capsys):
+    rig = tmp_path / "rig.toml"
+    settings = DoublesSettings(load_design("known"), relay_channels=8, dump_channel=8)
+    rig.write_text(rig_toml(settings, "/dev/ttyUSB0", "/dev/ttyUSB1", "127.0.0.1", 1))
+
+    message = fails(capsys, "--targets", "cylinder", "--rig", rig, "--out", tmp_path / "a")
+
+    assert "6 fibers per face are up to 12 fibers" in message
+    assert "the rig has 7 valves: use at most 3 fibers per face" in message
+
+
+def test_a_folder_with_another_run_is_left_alone(searched, capsys):
+    folder, _ = searched
+    before = bytes_of(folder)
+
+    assert "holds another run" in fails(capsys, *SEARCH, "--out", folder)
+    assert "population (7 / 6)" in fails(
+        capsys, "--resume", *SEARCH[:2], "--population", "7", "--seed", "4", "--out", folder
+    )
+    assert "leave --population out" in fails(capsys, "--resume", "--population", "7", "--out", folder)
+    assert "more than --generations 1" in fails(capsys, "--resume", "--generations", "1", "--out", folder)
+    assert bytes_of(folder) == before
+
+
+def test_a_folder_with_other_files_is_left_alone(tmp_path, capsys):
+    (tmp_path / "thesis.tex").write_text("years of work")
+
+    assert "thesis.tex" in fails(capsys, *SEARCH, "--out", tmp_path)
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize("damage", ["truncated", "foreign"])
+def test_a_damaged_checkpoint_is_refused_and_kept(searched, tmp_path, capsys, damage):
+    folder, _ = searched
+    (tmp_path / "d").mkdir()
+    for name in ("run.json", "checkpoint.json"):
+        (tmp_path / "d" / name).write_bytes((folder / name).read_bytes())
+    whole = (folder / "checkpoint.json").read_bytes()
+    content = whole[: len(whole) // 2] if damage == "truncated" else whole.replace(b'"run": "', b'"run": "0')
+    (tmp_path / "d" / "checkpoint.json").write_bytes(content)
+
+    message = fails(capsys, "--resume", "--out", tmp_path / "d")
+
+    assert "nothing was overwritten" in message
+    assert ("cut short" if damage == "truncated" else "other settings") in message
+    assert (tmp_path / "d" / "checkpoint.json").read_bytes() == content
+
+
+def test_two_processes_do_not_work_on_one_run(searched, capsys):
+    folder, _ = searched
+    with RunFolder(folder).locked():
+        assert "another process" in fails(capsys, "--resume", "--generations", "9", "--out", folder)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_cannot_be_written(tmp_path, capsys):
+    tmp_path.chmod(0o500)
+    assert "cannot be written" in fails(capsys, *SEARCH, "--out", tmp_path / "a")
