@@ -4,9 +4,10 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from typing import Self
 
 from evolve.errors import EvolveError, WorkersLost
@@ -83,9 +84,10 @@ class Processes:
         assert self._executor is not None  # noqa: S101 - a pool is used inside its `with` only
         missing = [n for n in range(len(maps)) if n not in scores]
         tasks: dict[Future[list[MapScore]], list[int]] = {}
-        for first in range(0, len(missing), _MAPS_A_TASK):
-            chosen = missing[first : first + _MAPS_A_TASK]
-            tasks[self._executor.submit(_score, [maps[n] for n in chosen])] = chosen
+        with _ctrl_c_held_back():
+            for first in range(0, len(missing), _MAPS_A_TASK):
+                chosen = missing[first : first + _MAPS_A_TASK]
+                tasks[self._executor.submit(_score, [maps[n] for n in chosen])] = chosen
         waiting = set(tasks)
         while waiting:
             check(stopped)
@@ -108,14 +110,23 @@ class Processes:
             self._executor = None
 
 
+@contextmanager
+def _ctrl_c_held_back() -> Iterator[None]:
+    """Workers that start here are deaf to Ctrl-C from their first instruction; the parent hears it afterwards."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 _problem: Problem | None = None
 
 
 def _begin(problem: Problem) -> None:
-    """In a worker, once: keep the problem, leave Ctrl-C to the parent, and end with the parent."""
+    """In a worker, once: keep the problem, and end with the parent."""
     global _problem
     _problem = problem
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
