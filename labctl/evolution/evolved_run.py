@@ -1,0 +1,85 @@
+"""A run of the evolution as it lies in its folder."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from evolve.checkpoint import Checkpoint
+from evolve.errors import EvolveError
+from evolve.run_folder import RunFolder
+from evolve.settings import Settings, differences
+from labctl.errors import BadInput
+
+_ONE_SEED = re.compile(r"seed-(\d+)")
+
+
+@dataclass(frozen=True)
+class EvolvedRun:
+    """A run with at least one generation: its settings, how many generations it is to have, and where it stands."""
+
+    folder: Path
+    settings: Settings
+    generations: int
+    checkpoint: Checkpoint
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """The names of the targets, in the order of the patterns."""
+        return tuple(target.name for target in self.settings.problem.targets)
+
+
+def load_run(folder: Path) -> EvolvedRun:
+    """The run in a folder.
+
+    Raises:
+        BadInput: there is none, it cannot be read, or it has no finished generation yet.
+    """
+    try:
+        settings, generations = RunFolder(folder).load()
+        checkpoint = RunFolder(folder).checkpoint()
+    except EvolveError as error:
+        raise BadInput(str(error)) from error
+    if checkpoint is None:
+        raise BadInput(
+            f"{folder}: the run has no finished generation yet: wait for it, or go on with --resume"
+        )
+    return EvolvedRun(folder, settings, generations, checkpoint)
+
+
+def load_runs(folder: Path) -> list[EvolvedRun]:
+    """The run in a folder, or the runs of its folders seed-1, seed-2, ..., in the order of the numbers.
+
+    Raises:
+        BadInput: there is neither, as `load_run` for any of them, or they are not seeds of one search.
+    """
+    if RunFolder(folder).begun:
+        return [load_run(folder)]
+    found = [(_ONE_SEED.fullmatch(entry.name), entry) for entry in folder.glob("seed-*") if entry.is_dir()]
+    seeds = sorted((int(name[1]), entry) for name, entry in found if name)
+    if not seeds:
+        raise BadInput(
+            f"{folder}: holds no run, and no folder seed-1, seed-2, ... of one: name the folder of a run"
+        )
+    runs = [load_run(entry) for _, entry in seeds]
+    check_one_search(runs)
+    return runs
+
+
+def check_one_search(runs: Sequence[EvolvedRun]) -> None:
+    """Refuse runs that differ in more than their seed.
+
+    Raises:
+        BadInput: there is no run, or two differ; says which and in what.
+    """
+    if not runs:
+        raise BadInput("no run: name the folder of at least one")
+    for other in runs[1:]:
+        differ = [
+            each for each in differences(runs[0].settings, other.settings) if not each.startswith("seed (")
+        ]
+        if differ:
+            raise BadInput(
+                f"{runs[0].folder} and {other.folder} are not seeds of one search, they differ in "
+                f"{', '.join(differ)}: look at them apart"
+            )
