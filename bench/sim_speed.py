@@ -5,7 +5,6 @@ memory in processes of their own. Ratios count, not seconds: machines are noisy.
 """
 
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -14,8 +13,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numba
 import numpy as np
+from bench_report import machine, row
 from oracle.dynamic import dynamic as oracle_dynamic
 
 from sim.equilibrium import equilibrium
@@ -147,24 +146,6 @@ def memory_mib(solver: str, in_flight: int) -> float:
     """The most memory of a process that solves the batch with so many sheets in flight at once."""
     code = MEMORY.format(here=str(Path(__file__).parent), solver=solver.format(in_flight))
     return in_a_process(code)
-
-
-def machine() -> str:
-    """What this ran on."""
-    name = next(
-        (
-            line.split(":")[1].strip()
-            for line in Path("/proc/cpuinfo").read_text().splitlines()
-            if "model name" in line
-        ),
-        platform.processor(),
-    )
-    return f"{name}, {len(ALL_CORES)} cores, Python {platform.python_version()}, Numba {numba.__version__}"
-
-
-def row(*cells: object) -> None:
-    """One line of the table."""
-    print("| " + " | ".join(map(str, cells)) + " |", flush=True)
 
 
 def main() -> None:
