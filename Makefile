@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test check format bench-sim clean
+.PHONY: inflate test check format bench-sim bench-evolve clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -20,6 +20,11 @@ check: $(INSTALLED)  ## style, types, who may import whom
 
 bench-sim: $(INSTALLED)  ## the simulator's speed against its scalar oracle, about 4 minutes
 	PYTHONPATH=tests $(BIN)/python bench/sim_speed.py
+
+bench-evolve: $(INSTALLED)  ## the search against others, its operators and its speed: about an hour on 2 free cores
+	$(BIN)/python bench/evolve_baselines.py --out runs/bench/baselines.json --plot runs/bench/baselines.png
+	$(BIN)/python bench/evolve_operators.py --out runs/bench/operators.json
+	$(BIN)/python bench/evolve_speed.py
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .
