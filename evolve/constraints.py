@@ -96,9 +96,14 @@ class Constraints:
         yield from self._of_crossings(genome)
 
     def _of_one(self, n: int, fiber: FiberGene) -> Iterator[Violation]:
-        outside = [end for end in (fiber.start, fiber.end) if end not in inside(self.geometry)]
+        on_sheet = inside(self.geometry)
+        outside = [end for end in (fiber.start, fiber.end) if end not in on_sheet]
         for end in outside:
             yield Violation("inside the disc", (n,), f"fiber {n} ends at {end}, off the sheet")
+        # Along the rim the cells of a short fiber may leave the disc between ends that are inside.
+        if not outside and not on_sheet.issuperset(fiber.cells):
+            cell = next(cell for cell in fiber.cells if cell not in on_sheet)
+            yield Violation("inside the disc", (n,), f"fiber {n} runs over {cell}, off the sheet")
         if fiber.length_m < self.min_length_m - ROUNDING_M:
             words = f"fiber {n} is {1e3 * fiber.length_m:.1f} mm long, shorter than {1e3 * self.min_length_m:g} mm"
             yield Violation("shortest fiber", (n,), words)

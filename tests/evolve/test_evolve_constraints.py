@@ -5,8 +5,9 @@ from evolve_doubles import fiber
 
 from evolve.constraints import Constraints
 from evolve.errors import EvolveError
-from evolve.grid import longest_fiber_m
-from sim.geometry import PUBLISHED
+from evolve.grid import grid_points, inside, longest_fiber_m, pairs_apart
+from sim.geometry import CENTRED, PUBLISHED
+from sim.raster import line_cells
 
 ONE = Constraints(PUBLISHED, 1)
 
@@ -28,6 +29,22 @@ def test_an_end_off_the_sheet_is_named():
     (violation,) = ONE.violations((fiber("top", (0, 0), (13, 13)),))
     assert "fiber 0" in violation.words
     assert "(0, 0)" in violation.words
+
+
+def test_a_short_fiber_along_the_rim_may_not_leave_the_sheet_between_its_ends():
+    short = Constraints(PUBLISHED, 1, min_length_m=0.010)
+    leaving = fiber("bottom", (18, 26), (20, 25))
+    assert leaving.cells == ((18, 26), (19, 26), (20, 25))
+    (violation,) = short.violations((fiber("top", (13, 3), (13, 23)), leaving))
+    assert (violation.constraint, violation.fibers) == ("inside the disc", (1,))
+    assert "(19, 26)" in violation.words
+
+
+@pytest.mark.parametrize("geometry", [PUBLISHED, CENTRED], ids=["published", "centred"])
+def test_no_fiber_of_25_mm_or_more_leaves_the_sheet_between_its_ends(geometry):
+    points, on_sheet = grid_points(geometry), inside(geometry)
+    near = [(points[a], points[b]) for a, b in pairs_apart(geometry, 0.025)[::5]]
+    assert all(on_sheet.issuperset(line_cells(start, end)) for start, end in near)
 
 
 def test_twelve_pitches_are_long_enough_and_less_is_not():
