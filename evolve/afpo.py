@@ -36,7 +36,7 @@ class Afpo:
     Source: Schmidt and Lipson, GECCO 2010; docs/reference/published-experiment.md.
 
     Raises:
-        EvolveError: a population of fewer than two.
+        EvolveError: a population of fewer than two, or a negative seed.
     """
 
     def __init__(
@@ -49,6 +49,8 @@ class Afpo:
     ) -> None:
         if population < 2:
             raise EvolveError(f"a population of {population}: use at least 2")
+        if seed < 0:
+            raise EvolveError(f"seed {seed}: use a whole number from 0")
         self.size = population
         self.constraints = constraints
         self.variation = variation

@@ -205,3 +205,8 @@ def test_telling_too_few_or_unasked_is_refused():
 def test_a_population_of_one_is_refused():
     with pytest.raises(EvolveError, match="a population of 1: use at least 2"):
         engine(size=1)
+
+
+def test_a_negative_seed_is_refused():
+    with pytest.raises(EvolveError, match="seed -1: use a whole number from 0"):
+        engine(seed=-1)
