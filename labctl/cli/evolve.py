@@ -74,7 +74,7 @@ def _new_settings(wanted: Wanted) -> "list[Settings]":
 
 def _found_settings(wanted: Wanted, out_path: Path) -> "list[Settings]":
     """The settings of the runs to go on with."""
-    from labctl.evolution.running import run_folders
+    from labctl.evolution.evolved_run import run_folders
 
     found = [folder.load()[0] for folder in run_folders(out_path)]
     if not found:

@@ -3,7 +3,7 @@
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,13 +13,14 @@ from labctl.cli.rigs import json_option
 from labctl.errors import BadInput, Stopped
 
 if TYPE_CHECKING:
+    from evolve.choose import Rule
     from evolve.selection import Member
     from evolve.settings import Settings
     from labctl.evolution.evolved_run import EvolvedRun
     from labctl.evolution.rescoring import Rescored
 
 _PAGE = "index.html"
-_RULES: tuple[Literal["paper", "knee"], ...] = ("paper", "knee")
+_RULES: "tuple[Rule, ...]" = ("paper", "knee")
 # A table on a terminal; the page and --json have all of a front.
 _ROWS = 20
 
@@ -58,7 +59,7 @@ def show(run: Path, published: bool, as_json: bool) -> None:
 def pick(
     run: Path,
     out_path: Path | None,
-    rule: Literal["paper", "knee"],
+    rule: "Rule",
     member: int | None,
     seed: int | None,
     as_json: bool,
@@ -88,7 +89,7 @@ def pick(
     ]
     path = out_path or run / f"{rule if member is None else f'member-{member}'}.toml"
     with whole_file(path) as unfinished:
-        unfinished.write_text(design_toml(chosen, of_run.settings, _name(of_run.settings, chosen), remarks))
+        unfinished.write_text(design_toml(chosen, of_run, _name(of_run.settings, chosen), remarks))
     if as_json:
         emit_json({"design": str(path), "seed": of_run.settings.seed, **_member(of_run.settings, chosen)})
         return
@@ -100,12 +101,13 @@ def pick(
 def tell_runs(path: Path, as_json: bool, *, published: bool) -> None:
     """Tell what the runs of a folder found, and write their page."""
     from labctl.evolution.evolved_run import load_runs
+    from labctl.evolution.pick import picks_of
     from labctl.report.evolution_page import write_evolution_page
 
     runs = load_runs(path)
     rescored = _rescored(runs) if published else [None] * len(runs)
     page = path / _PAGE
-    write_evolution_page(page, runs)
+    write_evolution_page(page, runs, picks_of(runs))
     if as_json:
         told = [_for_machines(run, each) for run, each in zip(runs, rescored, strict=True)]
         emit_json({"runs": told, "page": str(page)})
@@ -116,6 +118,8 @@ def tell_runs(path: Path, as_json: bool, *, published: bool) -> None:
 
 
 def _tell(run: "EvolvedRun", rescored: "Rescored | None") -> None:
+    from labctl.evolution.pick import picks_of
+
     settings, checkpoint = run.settings, run.checkpoint
     now = checkpoint.records[-1]
     names = [target.name for target in settings.problem.targets]
@@ -128,7 +132,7 @@ def _tell(run: "EvolvedRun", rescored: "Rescored | None") -> None:
         f"{now.counts.simulated / now.seconds:.1f} a second, {now.counts.failed} without a shape; all but simulating "
         f"{100 * (1 - now.counts.simulating_s / now.seconds):.1f} % of the time; hypervolume {now.hypervolume:.4f}"
     )
-    picks = {_pick(run, rule).id: rule for rule in reversed(_RULES)}
+    picks = {pick.found.member.id: " and ".join(pick.rules) for pick in picks_of([run])}
     published = {} if rescored is None else {member.id: member for member in rescored.members}
     head = ["member", *(f"{name} mm" for name in names)]
     head += [f"{name} mm as published" for name in names] if published else []
@@ -154,6 +158,8 @@ def _spread(members: "tuple[Member, ...]", picks: dict[int, Any]) -> "list[Membe
 
 
 def _for_machines(run: "EvolvedRun", rescored: "Rescored | None") -> dict[str, Any]:
+    from labctl.evolution.pick import pick_of
+
     now = run.checkpoint.records[-1]
     told: dict[str, Any] = {
         "folder": str(run.folder),
@@ -170,7 +176,7 @@ def _for_machines(run: "EvolvedRun", rescored: "Rescored | None") -> dict[str, A
         "sheets_per_second": now.counts.simulated / now.seconds,
         "hypervolume": now.hypervolume,
         "front": [_member(run.settings, member) for member in run.checkpoint.front.members],
-        "picks": {rule: _member(run.settings, _pick(run, rule)) for rule in _RULES},
+        "picks": {rule: _member(run.settings, pick_of([run], rule).member) for rule in _RULES},
     }
     if rescored is not None:
         told["published"] = [_member(run.settings, member) for member in rescored.members]
@@ -197,13 +203,13 @@ def _millimetres(member: "Member") -> list[str]:
     return [f"{1e3 * error_m:.2f}" for error_m in member.errors_m or ()]
 
 
-def _chosen(
-    runs: "list[EvolvedRun]", rule: Literal["paper", "knee"], wanted: int | None
-) -> "tuple[EvolvedRun, Member]":
-    """A member by its id, or by the rule; of several runs' picks that with the smallest sum of errors."""
+def _chosen(runs: "list[EvolvedRun]", rule: "Rule", wanted: int | None) -> "tuple[EvolvedRun, Member]":
+    """A member by its id, or by the rule from the fronts of all runs together."""
     if wanted is None:
-        picked = [(run, _pick(run, rule)) for run in runs]
-        return min(picked, key=lambda pair: sum(pair[1].errors_m or ()))
+        from labctl.evolution.pick import pick_of
+
+        found = pick_of(runs, rule)
+        return found.run, found.member
     (run,) = runs
     for member in run.checkpoint.front.members:
         if member.id == wanted:
@@ -212,12 +218,6 @@ def _chosen(
     raise BadInput(
         f"{run.folder}: member {wanted} is not on the front; use one of {known} ... (labctl evolve show)"
     )
-
-
-def _pick(run: "EvolvedRun", rule: Literal["paper", "knee"]) -> "Member":
-    from evolve.choose import choose
-
-    return choose(run.checkpoint.front, run.checkpoint.random_m, rule)
 
 
 def _rescored(runs: "list[EvolvedRun]") -> "list[Rescored | None]":

@@ -7,11 +7,13 @@ from pathlib import Path
 
 from evolve.checkpoint import Checkpoint
 from evolve.errors import EvolveError
-from evolve.run_folder import RunFolder
+from evolve.run_folder import CHECKPOINT, RunFolder
 from evolve.settings import Settings, differences
+from labctl.config.schema_design import CHANNELS
 from labctl.errors import BadInput
 
-_ONE_SEED = re.compile(r"seed-(\d+)")
+SEED_FOLDER = "seed-"
+_ONE_SEED = re.compile(SEED_FOLDER + r"(\d+)")
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,12 @@ class EvolvedRun:
     def targets(self) -> tuple[str, ...]:
         """The names of the targets, in the order of the patterns."""
         return tuple(target.name for target in self.settings.problem.targets)
+
+    @property
+    def channels(self) -> Sequence[int]:
+        """The valve channels for its fibers; counted from 1 where the run was not begun for a rig."""
+        noted: Sequence[int] | None = self.settings.notes.get("channels")
+        return range(1, CHANNELS + 1) if noted is None else noted
 
 
 def load_run(folder: Path) -> EvolvedRun:
@@ -50,20 +58,31 @@ def load_run(folder: Path) -> EvolvedRun:
 def load_runs(folder: Path) -> list[EvolvedRun]:
     """The run in a folder, or the runs of its folders seed-1, seed-2, ..., in the order of the numbers.
 
+    Seeds whose turn has not come yet are passed over, as long as one has a finished generation.
+
     Raises:
         BadInput: there is neither, as `load_run` for any of them, or they are not seeds of one search.
     """
-    if RunFolder(folder).begun:
-        return [load_run(folder)]
-    found = [(_ONE_SEED.fullmatch(entry.name), entry) for entry in folder.glob("seed-*") if entry.is_dir()]
-    seeds = sorted((int(name[1]), entry) for name, entry in found if name)
-    if not seeds:
+    folders = run_folders(folder)
+    if not folders:
         raise BadInput(
             f"{folder}: holds no run, and no folder seed-1, seed-2, ... of one: name the folder of a run"
         )
-    runs = [load_run(entry) for _, entry in seeds]
+    begun = [each.path for each in folders if (each.path / CHECKPOINT).exists()]
+    runs = [load_run(each) for each in begun or [folders[0].path]]
     check_one_search(runs)
     return runs
+
+
+def run_folders(path: Path) -> list[RunFolder]:
+    """The runs of a folder: the one that it is, or those of its seeds in their order; none if it holds none."""
+    if RunFolder(path).begun:
+        return [RunFolder(path)]
+    if not path.is_dir():
+        return []
+    found = [(_ONE_SEED.fullmatch(entry.name), entry) for entry in path.iterdir()]
+    seeds = sorted((int(name[1]), entry) for name, entry in found if name)
+    return [RunFolder(entry) for _, entry in seeds if RunFolder(entry).begun]
 
 
 def check_one_search(runs: Sequence[EvolvedRun]) -> None:

@@ -1,5 +1,6 @@
 """The fibers of an evolved layout as a person lays them: numbered, in mm, in the sheet frame."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from evolve.genome import FACES, FiberGene, Genome, GridPoint
@@ -11,12 +12,13 @@ PointMm = tuple[float, float]
 
 @dataclass(frozen=True)
 class ListedFiber:
-    """A fiber: its number from 1, which is its valve channel too, its ends in the sheet frame, where it is jammed.
+    """A fiber: its number from 1, its valve channel, its ends in the sheet frame, and where it is jammed.
 
     `patterns`: the patterns, counted from 0.
     """
 
     number: int
+    channel: int
     face: Face
     start_mm: PointMm
     end_mm: PointMm
@@ -24,21 +26,24 @@ class ListedFiber:
     patterns: frozenset[int]
 
 
-def fiber_list(genome: Genome, geometry: Geometry) -> tuple[ListedFiber, ...]:
+def fiber_list(genome: Genome, geometry: Geometry, channels: Sequence[int]) -> tuple[ListedFiber, ...]:
     """The fibers of a layout, the top face's first, each face's from left to right.
 
-    Equal layouts have equal lists, in whatever order their genes are.
+    `channels`: those that the rig has for fibers, given out in that order. Equal layouts have equal lists, in
+    whatever order their genes are.
     """
+    in_order = sorted(genome, key=_place_in_list)
     return tuple(
         ListedFiber(
             number,
+            channel,
             gene.face,
             _place_mm(gene.start, geometry),
             _place_mm(gene.end, geometry),
             1e3 * gene.length_m,
             gene.patterns,
         )
-        for number, gene in enumerate(sorted(genome, key=_place_in_list), start=1)
+        for number, (gene, channel) in enumerate(zip(in_order, channels, strict=False), start=1)
     )
 
 

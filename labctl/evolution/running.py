@@ -11,8 +11,7 @@ from evolve.search import search
 from evolve.settings import Settings
 from evolve.workers.pool import Pool, Stopped
 from labctl.errors import BadInput
-
-_SEED_FOLDER = "seed-"
+from labctl.evolution.evolved_run import SEED_FOLDER, run_folders
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ def begin_runs(path: Path, settings: Sequence[Settings], generations: int) -> li
     several = len(settings) > 1
     planned = []
     for each in settings:
-        folder = RunFolder(path / f"{_SEED_FOLDER}{each.seed}" if several else path)
+        folder = RunFolder(path / f"{SEED_FOLDER}{each.seed}" if several else path)
         with folder.locked():
             folder.begin(each, generations)
         planned.append(PlannedRun(folder, each, generations))
@@ -65,21 +64,6 @@ def resume_runs(path: Path, generations: int | None) -> list[PlannedRun]:
         with run.folder.locked():
             run.folder.lengthen(run.generations)
     return planned
-
-
-def run_folders(path: Path) -> list[RunFolder]:
-    """The runs of a folder: the one that it is, or those of its seeds in their order; none if it holds none."""
-    if RunFolder(path).begun:
-        return [RunFolder(path)]
-    if not path.is_dir():
-        return []
-    seeds = sorted(
-        (int(number), entry)
-        for entry in path.iterdir()
-        if entry.name.startswith(_SEED_FOLDER)
-        and (number := entry.name.removeprefix(_SEED_FOLDER)).isdecimal()
-    )
-    return [RunFolder(entry) for _, entry in seeds if RunFolder(entry).begun]
 
 
 def carry_on(run: PlannedRun, pool: Pool, clock: Clock, stopped: Stopped) -> Iterator[Checkpoint]:

@@ -95,7 +95,7 @@ def evolution_page(runs: Sequence[EvolvedRun], picks: Sequence[Pick]) -> str:
 def _shown(pick: Pick) -> _PickShown:
     run, member = pick.found.run, pick.found.member
     problem = run.settings.problem
-    fibers = fiber_list(member.genome, problem.physics.geometry)
+    fibers = fiber_list(member.genome, problem.physics.geometry, run.channels)
     shapes = evolved_shapes(problem, member.genome)
     return _PickShown(
         " and ".join(pick.rules),

@@ -168,12 +168,13 @@ def front_table(runs: Sequence[EvolvedRun], found: Sequence[Found], picks: Seque
 
 def fibers_table(fibers: Iterable[ListedFiber], names: Sequence[str]) -> Table:
     """The fibers of one design."""
-    head = ("number = valve channel", "face", "start x, y mm", "end x, y mm", "length mm", "jammed for")
+    head = ("fiber", "valve channel", "face", "start x, y mm", "end x, y mm", "length mm", "jammed for")
     return Table(
         head,
         tuple(
             (
                 str(fiber.number),
+                str(fiber.channel),
                 fiber.face,
                 f"{fiber.start_mm[0]:g}, {fiber.start_mm[1]:g}",
                 f"{fiber.end_mm[0]:g}, {fiber.end_mm[1]:g}",
@@ -242,8 +243,9 @@ def _physics(settings: Settings) -> str:
         else f" ({materials.jammed_bending_pa / 1e3:g} kPa in bending)"
     )
     return (
-        f"{physics.geometry.name} sheet, {held}; fibers as {physics.fibers_as}, jammed "
-        f"{materials.jammed_pa / 1e3:g} kPa{bending}, unjammed {materials.unjammed_pa / 1e3:g} kPa; {physics.precision}"
+        f"{physics.geometry.name} sheet, {held}; fibers as {physics.fibers_as}, "
+        f"jammed {materials.jammed_pa / 1e3:g} kPa{bending}, "
+        f"unjammed {materials.unjammed_pa / 1e3:g} kPa; {physics.precision}"
     )
 
 

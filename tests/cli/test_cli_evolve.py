@@ -9,7 +9,7 @@ from labctl.cli.main import run
 from labctl.config.load import load_design
 from labctl.doubles.rig_file import rig_toml
 from labctl.doubles.settings import DoublesSettings
-from labctl.evolution.running import run_folders
+from labctl.evolution.evolved_run import run_folders
 from labctl.simulation import sheet_of
 
 ONE_EACH = ("--representation", "exclusive", "--fibers-per-face", "1")
