@@ -32,13 +32,17 @@ def test_killed_at_any_moment_and_resumed_the_population_has_the_same_bytes(tmp_
     whole = (tmp_path / "whole" / "population.json").read_bytes()
     moments_s = [random.uniform(0.0, 4.0), random.uniform(0.0, 1.0)]
     for workers, moment_s in zip((2, 1), moments_s, strict=True):
-        process = driver(tmp_path / "killed", workers, hash_seed=workers)
-        assert process.stdout.readline() == "begun\n"
-        time.sleep(moment_s)
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
-    process = driver(tmp_path / "killed", 0, hash_seed=7)
-    process.communicate(timeout=100)
+        with driver(tmp_path / "killed", workers, hash_seed=workers) as process:
+            try:
+                assert process.stdout.readline() == "begun\n"
+                time.sleep(moment_s)
+            finally:
+                process.send_signal(signal.SIGKILL)
+    with driver(tmp_path / "killed", 0, hash_seed=7) as process:
+        try:
+            process.wait()
+        finally:
+            process.kill()
     assert process.returncode == 0
     assert (tmp_path / "killed" / "population.json").read_bytes() == whole, f"killed after {moments_s} s"
 
