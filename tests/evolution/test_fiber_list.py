@@ -21,10 +21,18 @@ def test_fibers_are_numbered_from_the_top_face_and_from_the_left():
 
 
 def test_the_order_of_the_genes_does_not_matter():
-    assert fiber_list(made_run.GENOME[::-1], PUBLISHED, CHANNELS) == fiber_list(made_run.GENOME, PUBLISHED, CHANNELS)
+    assert fiber_list(made_run.GENOME[::-1], PUBLISHED, CHANNELS) == fiber_list(
+        made_run.GENOME, PUBLISHED, CHANNELS
+    )
 
 
 def test_places_follow_the_geometry():
     (fiber,) = fiber_list((FiberGene("top", (3, 8), (9, 20), frozenset({0})),), CENTRED, CHANNELS)
 
     assert (fiber.start_mm, fiber.end_mm) == ((17.5, 42.5), (47.5, 102.5))
+
+
+def test_channels_are_given_out_in_the_rigs_order():
+    told = fiber_list(made_run.GENOME, PUBLISHED, [1, 3, 4, 5])
+
+    assert [(fiber.number, fiber.channel) for fiber in told] == [(1, 1), (2, 3), (3, 4)]
