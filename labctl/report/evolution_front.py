@@ -24,7 +24,7 @@ _PICKED: dict[Rule, tuple[str, str, float]] = {
     "paper": ("o", "#d55e00", 20.0),
     "knee": ("s", "#0072b2", 26.0),
 }
-_LABEL_UP = {False: (46, 10), True: (34, 50)}
+_LABEL_OFFSET = {False: (46, 10), True: (34, 50)}
 _LONGEST_NAME = 34
 _PANEL_IN, _STRIP_IN = (7.2, 6.0), (15.0, 5.4)
 # A front that is one point still has a neighbourhood.
@@ -148,11 +148,15 @@ def _mark_picks(axes: Axes, cloud: _Cloud, places_mm: Sequence[tuple[float, floa
             )
         if labelled:
             # The higher one's label goes higher, so that two close picks' labels never lie on one another.
+            aside, up = _LABEL_OFFSET[place_mm[1] == highest_mm]
+            # Into the panel, not out of it.
+            to_the_left = axes.transLimits.transform(place_mm)[0] > 0.6
             axes.annotate(
                 " and ".join(pick.rules),
                 place_mm,
-                _LABEL_UP[place_mm[1] == highest_mm],
+                (-aside if to_the_left else aside, up),
                 textcoords="offset points",
+                ha="right" if to_the_left else "left",
                 arrowprops={"arrowstyle": "-", "shrinkB": 10.0},
                 bbox={"boxstyle": "round", "facecolor": "white", "edgecolor": "#999999"},
                 zorder=7,
