@@ -84,6 +84,7 @@ def settings_of(choices: Choices, seed: int, compile_first: CompileFirst) -> Set
     )
     notes = {
         "choices": asdict(choices),
+        "sheet": f"of design {design.name} ({design.source})",
         "design": {"source": design.source, "text": design_text(choices.design)},
         "channels": channels,
         "versions": {"python": python_version()} | {name: version(name) for name in _VERSIONS_OF},

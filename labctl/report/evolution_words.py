@@ -12,6 +12,8 @@ from labctl.evolution.pick import Found, Pick
 from labctl.report.picture_style import shortened
 
 # Over a column of numbers; the whole names stand above.
+# Of what a run notes; the rest is for programs: the choices on the command line, the text of the design.
+_SHOWN_NOTES = ("sheet", "versions")
 _LONGEST_NAME = 24
 RULE_WORDS: Mapping[Rule, str] = {
     "paper": "paper: furthest below the mean errors of random layouts",
@@ -51,7 +53,7 @@ def searched_for(runs: Sequence[EvolvedRun]) -> list[tuple[str, str]]:
         ("physics", _physics(settings)),
         ("search", f"population {settings.population}, crowding by {settings.crowding}; {rates}"),
         ("seeds", ", ".join(str(run.settings.seed) for run in runs)),
-        *((name, _told(value)) for name, value in settings.notes.items()),
+        *((name, _told(settings.notes[name])) for name in _SHOWN_NOTES if name in settings.notes),
     ]
 
 

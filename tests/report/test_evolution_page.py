@@ -64,7 +64,7 @@ def test_a_page_holds_everything_in_itself(tmp_path):
 
 def test_what_a_person_wrote_is_shown_as_written():
     name = "<b>bold</b> & $x_{1}$ {{ 7*7 }} " + "long" * 30
-    seen = Seen(page_of(made_run.run((1.0,), names=(name,), notes={"design": "<script>alert(1)</script>"})))
+    seen = Seen(page_of(made_run.run((1.0,), names=(name,), notes={"sheet": "<script>alert(1)</script>"})))
 
     assert name in seen.text
     assert "<script>alert(1)</script>" in seen.text
