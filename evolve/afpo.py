@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 
@@ -36,7 +37,7 @@ class Afpo:
     Source: Schmidt and Lipson, GECCO 2010; docs/reference/published-experiment.md.
 
     Raises:
-        EvolveError: a population of fewer than two, or a negative seed.
+        EvolveError: a population of fewer than two, no such crowding, or a negative seed.
     """
 
     def __init__(
@@ -49,6 +50,8 @@ class Afpo:
     ) -> None:
         if population < 2:
             raise EvolveError(f"a population of {population}: use at least 2")
+        if crowding not in get_args(Crowding):
+            raise EvolveError(f"crowding {crowding!r}: use {' or '.join(map(repr, get_args(Crowding)))}")
         if seed < 0:
             raise EvolveError(f"seed {seed}: use a whole number from 0")
         self.size = population

@@ -126,12 +126,15 @@ class Problem:
         try:
             sheet = voxel_map.sheet(self.physics.materials)
             shape = self.physics.solve(sheet)
-        except SimError as error:
+            if isinstance(shape, Failure):
+                return MapScore(None, f"{shape.reason}, {shape.when}")
+            heights_m = self.physics.heights_m(sheet, shape, self.surface)
+            errors_m = tuple(
+                simulation_error(heights_m, target, self.scoring).e_s_m for target in self.targets
+            )
+        # Positions that are not finite cannot be registered.
+        except (SimError, np.linalg.LinAlgError) as error:
             return MapScore(None, str(error))
-        if isinstance(shape, Failure):
-            return MapScore(None, f"{shape.reason}, {shape.when}")
-        heights_m = self.physics.heights_m(sheet, shape, self.surface)
-        errors_m = tuple(simulation_error(heights_m, target, self.scoring).e_s_m for target in self.targets)
         if not np.isfinite(errors_m).all():
             return MapScore(None, f"its errors {errors_m} are not finite")
         return MapScore(errors_m)

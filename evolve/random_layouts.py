@@ -1,6 +1,7 @@
 """Layouts drawn at random, which meet the constraints."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from sim.sheet import Face
 
 _DRAWS_A_FIBER = 100
 _DRAWS_A_LAYOUT = 300
+# With many exclusive patterns, chance alone hardly ever serves them all.
+_DRAWS_BEFORE_DEALING = 100
 
 
 def random_genome(constraints: Constraints, rng: np.random.Generator) -> Genome:
@@ -23,8 +26,10 @@ def random_genome(constraints: Constraints, rng: np.random.Generator) -> Genome:
         EvolveError: in 300 layouts none met the constraints; says which one stood in the way most often.
     """
     in_the_way: Counter[str] = Counter()
-    for _ in range(_DRAWS_A_LAYOUT):
+    for draw in range(_DRAWS_A_LAYOUT):
         genome = _draw(constraints, rng)
+        if draw >= _DRAWS_BEFORE_DEALING and constraints.representation == "exclusive":
+            genome = _dealt(genome, constraints.patterns)
         violations = constraints.violations(genome)
         if not violations:
             return genome
@@ -73,6 +78,11 @@ def _draw(constraints: Constraints, rng: np.random.Generator) -> Genome:
         for _ in range(count):
             genome = _with_one_more(genome, face, constraints, rng)
     return genome
+
+
+def _dealt(genome: Genome, patterns: int) -> Genome:
+    """The layout with its patterns dealt out in turn."""
+    return tuple(replace(fiber, patterns=frozenset({n % patterns})) for n, fiber in enumerate(genome))
 
 
 def _with_one_more(genome: Genome, face: Face, constraints: Constraints, rng: np.random.Generator) -> Genome:

@@ -56,19 +56,29 @@ class RunFolder:
         """Write the settings into an empty folder.
 
         Raises:
+            EvolveError: as `check_free`.
+        """
+        self.check_free()
+        self._write(settings, generations)
+
+    def check_free(self) -> None:
+        """Whether a run may begin here.
+
+        Raises:
             EvolveError: there is a run already, or there are files that are no run's.
         """
         if self.begun:
             raise EvolveError(
                 f"{self.path}: holds another run: go on with it by --resume, or name another folder"
             )
+        if not self.path.is_dir():
+            return
         others = sorted(entry.name for entry in self.path.iterdir() if entry.name != LOCK)
         others = [name for name in others if not name.endswith(".unfinished")]
         if others:
             raise EvolveError(
                 f"{self.path}: holds {others[0]} already, which is no run's: name an empty or new folder"
             )
-        self._write(settings, generations)
 
     def load(self) -> tuple[Settings, int]:
         """The settings of the run, and how many generations it is to have.

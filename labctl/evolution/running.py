@@ -32,6 +32,8 @@ def begin_runs(path: Path, settings: Sequence[Settings], generations: int) -> li
     """
     if run_folders(path):
         raise BadInput(f"{path}: holds another run: go on with it by --resume, or name another folder")
+    # Before anything is made in it, the lock included.
+    RunFolder(path).check_free()
     several = len(settings) > 1
     planned = []
     for each in settings:

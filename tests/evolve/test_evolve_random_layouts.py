@@ -94,3 +94,11 @@ def test_what_no_draw_meets_is_told_by_its_name():
     constraints = Constraints(PUBLISHED, 12, "exclusive")
     with pytest.raises(EvolveError, match="'every pattern' stood in the way of 300"):
         random_genome(constraints, np.random.default_rng(0))
+
+
+def test_many_exclusive_patterns_are_all_served():
+    tight = Constraints(PUBLISHED, 6, "exclusive", fibers_per_face=3)
+    for seed in range(10):
+        genome = random_genome(tight, np.random.default_rng(seed))
+        assert tight.met_by(genome)
+        assert set().union(*(fiber.patterns for fiber in genome)) == set(range(6))
