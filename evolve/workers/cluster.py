@@ -173,8 +173,8 @@ class Cluster:
             self._seen_s = now_s
         elif now_s - self._seen_s > self._patience_s:
             raise WorkersLost(
-                f"the scheduler at {self._address} has had no worker for {self._patience_s:g} s: {_HELD}; start "
-                "workers, then resume it"
+                f"the scheduler at {self._address} has had no worker, or has not answered, for "
+                f"{self._patience_s:g} s: {_HELD}; start workers, then resume it"
             )
         self._asked_s = time.monotonic()
 
