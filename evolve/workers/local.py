@@ -89,11 +89,16 @@ class Processes:
                 chosen = missing[first : first + _MAPS_A_TASK]
                 tasks[self._executor.submit(_score, [maps[n] for n in chosen])] = chosen
         waiting = set(tasks)
-        while waiting:
-            check(stopped)
-            done, waiting = wait(waiting, _LOOK_S, FIRST_COMPLETED)
-            for future in done:
-                scores.update(zip(tasks[future], future.result(), strict=True))
+        try:
+            while waiting:
+                check(stopped)
+                done, waiting = wait(waiting, _LOOK_S, FIRST_COMPLETED)
+                for future in done:
+                    scores.update(zip(tasks[future], future.result(), strict=True))
+        finally:
+            # Here, because an executor that is let go of forgets that it was to cancel what waits.
+            for future in waiting:
+                future.cancel()
 
     def _start(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(
@@ -106,7 +111,7 @@ class Processes:
 
     def _drop(self) -> None:
         if self._executor is not None:
-            self._executor.shutdown(wait=False, cancel_futures=True)
+            self._executor.shutdown(wait=False)
             self._executor = None
 
 

@@ -46,7 +46,7 @@ def test_a_search_tells_what_it_found(searched):
     assert found["sheets"] == 2 * (100 + 3 * 6)
     assert 0 < found["simulated"] <= found["sheets"]
     assert found["failed"] == 0
-    assert 0 < found["hypervolume"] < 1
+    assert 0 <= found["hypervolume"] < 1
     assert found["picks"]["paper"] in found["front"]
     assert sum(found["picks"]["paper"]["errors_mm"].values()) == pytest.approx(
         min(sum(member["errors_mm"].values()) for member in found["front"])
@@ -122,10 +122,9 @@ def test_ctrl_c_keeps_the_generations(start, tmp_path):
     running = start("evolve", *SEARCH[:-3], "400", "--out", tmp_path / "c", "--workers", 2)
     running.wait_for("generation 1 of 400")
     running.signal()
-    ended = running.end()
+    running.wait_for("every finished generation is kept")
 
-    assert ended.code == 130
-    assert "every finished generation is kept" in ended.err
+    assert running.end().code == 130
     assert RunFolder(tmp_path / "c").checkpoint().state.generation >= 0
 
 

@@ -6,6 +6,7 @@ from scipy.stats import chisquare
 
 from evolve.constraints import Constraints
 from evolve.errors import EvolveError
+from evolve.grid import longest_fiber_m
 from evolve.random_layouts import random_fiber, random_genome, random_patterns, random_point
 from sim.geometry import PUBLISHED
 
@@ -90,8 +91,9 @@ def test_the_same_seed_draws_the_same_layout_and_another_another():
 
 
 def test_what_no_draw_meets_is_told_by_its_name():
-    # Twelve fibers for twelve targets: they may be laid, but no draw is likely to serve each once.
-    constraints = Constraints(PUBLISHED, 12, "exclusive")
+    # Fibers as long as the sheet all cross its middle: few a face have room, and eight targets need eight.
+    longest_m = longest_fiber_m(PUBLISHED)
+    constraints = Constraints(PUBLISHED, 8, "exclusive", min_length_m=longest_m, fibers_over_a_cell=1)
     with pytest.raises(EvolveError, match="'every pattern' stood in the way of 300"):
         random_genome(constraints, np.random.default_rng(0))
 
