@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from evolve.selection import Member
     from evolve.settings import Settings
     from labctl.evolution.evolved_run import EvolvedRun
-    from labctl.evolution.rescoring import Rescored
 
 _PAGE = "index.html"
 _RULES: "tuple[Rule, ...]" = ("paper", "knee")
@@ -117,7 +116,7 @@ def tell_runs(path: Path, as_json: bool, *, published: bool) -> None:
     click.echo(f"page: {page}")
 
 
-def _tell(run: "EvolvedRun", rescored: "Rescored | None") -> None:
+def _tell(run: "EvolvedRun", rescored: "tuple[Member, ...] | None") -> None:
     from labctl.evolution.pick import picks_of
 
     settings, checkpoint = run.settings, run.checkpoint
@@ -133,7 +132,7 @@ def _tell(run: "EvolvedRun", rescored: "Rescored | None") -> None:
         f"{100 * (1 - now.counts.simulating_s / now.seconds):.1f} % of the time; hypervolume {now.hypervolume:.4f}"
     )
     picks = {pick.found.member.id: " and ".join(pick.rules) for pick in picks_of([run])}
-    published = {} if rescored is None else {member.id: member for member in rescored.members}
+    published = {} if rescored is None else {member.id: member for member in rescored}
     head = ["member", *(f"{name} mm" for name in names)]
     head += [f"{name} mm as published" for name in names] if published else []
     shown = _spread(checkpoint.front.members, picks)
@@ -157,7 +156,7 @@ def _spread(members: "tuple[Member, ...]", picks: dict[int, Any]) -> "list[Membe
     return [each for n, each in enumerate(members) if n % step == 0 or each.id in picks]
 
 
-def _for_machines(run: "EvolvedRun", rescored: "Rescored | None") -> dict[str, Any]:
+def _for_machines(run: "EvolvedRun", rescored: "tuple[Member, ...] | None") -> dict[str, Any]:
     from labctl.evolution.pick import pick_of
 
     now = run.checkpoint.records[-1]
@@ -179,7 +178,7 @@ def _for_machines(run: "EvolvedRun", rescored: "Rescored | None") -> dict[str, A
         "picks": {rule: _member(run.settings, pick_of([run], rule).member) for rule in _RULES},
     }
     if rescored is not None:
-        told["published"] = [_member(run.settings, member) for member in rescored.members]
+        told["published"] = [_member(run.settings, member) for member in rescored]
     return told
 
 
@@ -220,10 +219,10 @@ def _chosen(runs: "list[EvolvedRun]", rule: "Rule", wanted: int | None) -> "tupl
     )
 
 
-def _rescored(runs: "list[EvolvedRun]") -> "list[Rescored | None]":
+def _rescored(runs: "list[EvolvedRun]") -> "list[tuple[Member, ...] | None]":
     from evolve.errors import SearchStopped
     from evolve.workers.local import Processes
-    from labctl.evolution.rescoring import published_problem, rescored
+    from labctl.evolution.published import published_problem, rescored
     from sim.warm import compile_kernels
 
     def compile_first(solver: Any, precision: Any) -> None:  # noqa: ANN401 - the solver's own names

@@ -1,14 +1,14 @@
 """What a person chooses for a search, and the settings that follow from it."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from platform import python_version
 from typing import Any, Literal
 
 from evolve.constraints import Constraints, Representation
-from evolve.problem import Physics, Problem
+from evolve.problem import Problem
 from evolve.selection import Crowding
 from evolve.settings import Settings
 from evolve.variation import DEFAULT_RATES, OPERATORS, PUBLISHED_RATES, Variation
@@ -16,15 +16,12 @@ from labctl.config.design import Design
 from labctl.config.load import design_text, load_design, load_rig
 from labctl.config.schema_design import CHANNELS, SHORTEST_FIBER_MM
 from labctl.errors import BadInput
-from labctl.evolution.targets import full_words, split_words, targets_of
-from labctl.simulation import materials_of
+from labctl.evolution.published import PUBLISHED_SURFACE, published_physics, published_scoring
+from labctl.evolution.targets import CompileFirst, full_words, split_words, targets_of
 from sim.geometry import geometry
 from sim.heights import Surface
-from sim.kernel import Precision
-from sim.score import Alignment, Columns, Scoring
-from sim.solver import SolverName
+from sim.score import Alignment, Scoring
 
-CompileFirst = Callable[[SolverName, Precision], None]
 ScoringName = Literal["default", "published"]
 _VERSIONS_OF = ("labctl", "numpy", "scipy", "numba", "moocore")
 
@@ -90,7 +87,7 @@ def settings_of(choices: Choices, seed: int, compile_first: CompileFirst) -> Set
         "versions": {"python": python_version()} | {name: version(name) for name in _VERSIONS_OF},
     }
     return Settings(
-        problem_of(choices, design, choices.scoring, compile_first),
+        _problem(choices, design, compile_first),
         constraints,
         seed,
         choices.population,
@@ -100,28 +97,17 @@ def settings_of(choices: Choices, seed: int, compile_first: CompileFirst) -> Set
     )
 
 
-def problem_of(
-    choices: Choices, design: Design, scoring: ScoringName, compile_first: CompileFirst
-) -> Problem:
-    """The targets and how a layout is scored; "published" is the paper's way, whatever else was chosen.
-
-    Raises:
-        BadInput: a target cannot be made for this sheet.
-    """
+def _problem(choices: Choices, design: Design, compile_first: CompileFirst) -> Problem:
     words = split_words(choices.targets)
-    cut, materials = geometry(design.sheet.geometry), materials_of(design)
-    if scoring == "published":
-        physics = Physics(cut, materials, design.physics.fibers, "dynamic")
-        simulated = all(full_words(word, design).startswith("pattern:") for word in words)
-        # The paper compared every 20th column with simulated targets, and all of them with equations.
-        compile_first(physics.solver, physics.precision)
-        columns: Columns = "every-20th" if simulated else "all"
-        targets = targets_of(words, design, physics, "bottom")
-        return Problem(physics, targets, "bottom", Scoring(columns, "whole-mm"))
-    physics = Physics(cut, materials, design.physics.fibers, "equilibrium", design.sheet.rated_strain)
+    if choices.scoring == "published":
+        physics = published_physics(design)
+        surface, scoring = PUBLISHED_SURFACE, published_scoring(full_words(word, design) for word in words)
+    else:
+        held = design.sheet.rated_strain
+        physics = replace(published_physics(design), solver="equilibrium", strain=held)
+        surface, scoring = choices.surface, Scoring(alignment=choices.alignment)
     compile_first(physics.solver, physics.precision)
-    targets = targets_of(words, design, physics, choices.surface)
-    return Problem(physics, targets, choices.surface, Scoring(alignment=choices.alignment))
+    return Problem(physics, targets_of(words, design, physics, surface), surface, scoring)
 
 
 def parse_rates(text: str) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """The targets of a search, named in a person's words."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +13,16 @@ from labctl.errors import BadInput
 from labctl.simulation import describe_failure, sheet_of
 from labctl.targets.words import target_from_words
 from sim.heights import Surface
+from sim.kernel import Precision
 from sim.shape import Failure
+from sim.solver import SolverName
 from sim.targets.target import Target
 
+# Called with a solver and its precision before anything is simulated by them.
+CompileFirst = Callable[[SolverName, Precision], None]
 # The paper's, whose peaks are 20 mm (docs/reference/published-experiment.md).
 _SHORT = {"saddle": "saddle:20mm", "monkey-saddle": "monkey-saddle:20mm"}
+PATTERN = "pattern:"
 _BRACKETS = {"(": 1, ")": -1}
 
 
@@ -46,7 +51,7 @@ def split_words(text: str) -> tuple[str, ...]:
 def full_words(word: str, design: Design) -> str:
     """A target as docs/reference/targets.md has it: a pattern's bare name is that pattern."""
     if word in design.patterns:
-        return f"pattern:{word}"
+        return PATTERN + word
     if word in _SHORT:
         return _SHORT[word]
     if not re.search(r"[:=.]", word):

@@ -1,0 +1,68 @@
+"""The published way to simulate and score, for a search and for designs that were found by another."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+from evolve.evaluation import Clock, Evaluation
+from evolve.front import Front
+from evolve.problem import Physics, Problem
+from evolve.selection import Member
+from evolve.settings import Settings
+from evolve.workers.pool import Pool, Stopped
+from labctl.config.design import Design
+from labctl.config.load import design_from_text
+from labctl.evolution.targets import PATTERN, CompileFirst, targets_of
+from labctl.simulation import materials_of
+from sim.geometry import geometry
+from sim.heights import Surface
+from sim.score import PUBLISHED_SADDLES, PUBLISHED_SPHERE_CYLINDER, Scoring
+
+PUBLISHED_SURFACE: Surface = "bottom"
+
+
+def published_physics(design: Design) -> Physics:
+    """A design's sheet, inflated by the published protocol."""
+    return Physics(geometry(design.sheet.geometry), materials_of(design), design.physics.fibers, "dynamic")
+
+
+def published_scoring(targets: Iterable[str]) -> Scoring:
+    """Whole mm; every 20th column where all targets, in full words, are simulated patterns, else all columns."""
+    simulated = all(words.startswith(PATTERN) for words in targets)
+    return PUBLISHED_SPHERE_CYLINDER if simulated else PUBLISHED_SADDLES
+
+
+def published_problem(settings: Settings, compile_first: CompileFirst) -> Problem:
+    """The published scoring of a run's targets, on the sheet that it was searched for.
+
+    Patterns are simulated again, by the published protocol; other targets keep their heights.
+    """
+    noted: Any = settings.notes["design"]
+    design = design_from_text(noted["text"], noted["source"])
+    physics = published_physics(design)
+    compile_first(physics.solver, physics.precision)
+    targets = []
+    for target in settings.problem.targets:
+        if target.source.startswith(PATTERN):
+            (simulated,) = targets_of([target.source], design, physics, PUBLISHED_SURFACE)
+            target = replace(simulated, name=target.name)
+        targets.append(target)
+    scoring = published_scoring(target.source for target in targets)
+    return Problem(physics, tuple(targets), PUBLISHED_SURFACE, scoring)
+
+
+def rescored(
+    front: Front, problem: Problem, pool: Pool, clock: Clock, stopped: Stopped
+) -> tuple[Member, ...]:
+    """The front's members with the errors of another problem, in their order; without those that have no shape.
+
+    Raises:
+        SearchStopped, WorkersLost: as `Pool.score`.
+    """
+    evaluation = Evaluation(problem, pool, stopped, clock)
+    errors_m = evaluation.errors_m([member.genome for member in front.members])
+    return tuple(
+        replace(member, errors_m=errors)
+        for member, errors in zip(front.members, errors_m, strict=True)
+        if errors is not None
+    )
