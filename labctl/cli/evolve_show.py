@@ -27,7 +27,9 @@ _ROWS = 20
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
-    "--published", is_flag=True, help="Score the front the published way too; half a second a sheet."
+    "--published",
+    is_flag=True,
+    help="Score the members in the table the published way too; half a second a sheet.",
 )
 @json_option
 def show(run: Path, published: bool, as_json: bool) -> None:
@@ -117,8 +119,6 @@ def tell_runs(path: Path, as_json: bool, *, published: bool) -> None:
 
 
 def _tell(run: "EvolvedRun", rescored: "tuple[Member, ...] | None") -> None:
-    from labctl.evolution.pick import picks_of
-
     settings, checkpoint = run.settings, run.checkpoint
     now = checkpoint.records[-1]
     names = [target.name for target in settings.problem.targets]
@@ -131,11 +131,11 @@ def _tell(run: "EvolvedRun", rescored: "tuple[Member, ...] | None") -> None:
         f"{now.counts.simulated / now.seconds:.1f} a second, {now.counts.failed} without a shape; all but simulating "
         f"{100 * (1 - now.counts.simulating_s / now.seconds):.1f} % of the time; hypervolume {now.hypervolume:.4f}"
     )
-    picks = {pick.found.member.id: " and ".join(pick.rules) for pick in picks_of([run])}
+    picks = _picks(run)
     published = {} if rescored is None else {member.id: member for member in rescored}
     head = ["member", *(f"{name} mm" for name in names)]
     head += [f"{name} mm as published" for name in names] if published else []
-    shown = _spread(checkpoint.front.members, picks)
+    shown = _shown(run)
     rows = []
     for member in shown:
         row = [str(member.id), *_millimetres(member)]
@@ -150,10 +150,18 @@ def _tell(run: "EvolvedRun", rescored: "tuple[Member, ...] | None") -> None:
     click.echo("")
 
 
-def _spread(members: "tuple[Member, ...]", picks: dict[int, Any]) -> "list[Member]":
+def _shown(run: "EvolvedRun") -> "list[Member]":
     """The picks, and others evenly along the front, so many as a terminal can take."""
+    members, picks = run.checkpoint.front.members, _picks(run)
     step = max(1, -(-len(members) // _ROWS))
     return [each for n, each in enumerate(members) if n % step == 0 or each.id in picks]
+
+
+def _picks(run: "EvolvedRun") -> dict[int, str]:
+    """The ids of the members that the rules pick, and the rules."""
+    from labctl.evolution.pick import picks_of
+
+    return {pick.found.member.id: " and ".join(pick.rules) for pick in picks_of([run])}
 
 
 def _for_machines(run: "EvolvedRun", rescored: "tuple[Member, ...] | None") -> dict[str, Any]:
@@ -234,9 +242,6 @@ def _rescored(runs: "list[EvolvedRun]") -> "list[tuple[Member, ...] | None]":
             stop_on_signals(doing="stopping") as stop,
             Processes(problem, len(os.sched_getaffinity(0))) as pool,
         ):
-            return [
-                rescored(run.checkpoint.front, problem, pool, time.monotonic, lambda: stop.asked)
-                for run in runs
-            ]
+            return [rescored(_shown(run), problem, pool, time.monotonic, lambda: stop.asked) for run in runs]
     except SearchStopped as error:
         raise Stopped("stopped; nothing was changed") from error

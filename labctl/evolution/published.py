@@ -1,11 +1,10 @@
 """The published way to simulate and score, for a search and for designs that were found by another."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
 from evolve.evaluation import Clock, Evaluation
-from evolve.front import Front
 from evolve.problem import Physics, Problem
 from evolve.selection import Member
 from evolve.settings import Settings
@@ -52,17 +51,17 @@ def published_problem(settings: Settings, compile_first: CompileFirst) -> Proble
 
 
 def rescored(
-    front: Front, problem: Problem, pool: Pool, clock: Clock, stopped: Stopped
+    members: Sequence[Member], problem: Problem, pool: Pool, clock: Clock, stopped: Stopped
 ) -> tuple[Member, ...]:
-    """The front's members with the errors of another problem, in their order; without those that have no shape.
+    """Members with the errors of another problem, in their order; without those that have no shape.
 
     Raises:
         SearchStopped, WorkersLost: as `Pool.score`.
     """
     evaluation = Evaluation(problem, pool, stopped, clock)
-    errors_m = evaluation.errors_m([member.genome for member in front.members])
+    errors_m = evaluation.errors_m([member.genome for member in members])
     return tuple(
         replace(member, errors_m=errors)
-        for member, errors in zip(front.members, errors_m, strict=True)
+        for member, errors in zip(members, errors_m, strict=True)
         if errors is not None
     )
