@@ -69,7 +69,7 @@ def load_checkpoint(path: Path, run: str) -> Checkpoint:
         told = json.loads(path.read_bytes())
     except OSError as error:
         raise EvolveError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise EvolveError(
             f"{refused}the checkpoint is cut short or damaged ({error}): put back a whole one, or begin anew in "
             "another folder"
@@ -91,7 +91,13 @@ def load_checkpoint(path: Path, run: str) -> Checkpoint:
             f"{refused}the checkpoint was changed after it was written: its checksum does not fit; put back a "
             "whole one, or begin anew in another folder"
         )
-    return _checkpoint(told["body"])
+    try:
+        return _checkpoint(told["body"])
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise EvolveError(
+            f"{refused}the checkpoint is not what this program writes ({type(error).__name__}: {error}): put back a "
+            "whole one, or begin anew in another folder"
+        ) from error
 
 
 def member_to_json(member: Member) -> dict[str, Any]:

@@ -38,7 +38,9 @@ class RunFolder:
             self.path.mkdir(parents=True, exist_ok=True)
             descriptor = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
         except OSError as error:
-            raise EvolveError(f"{self.path}: cannot be written: {error.strerror or error}") from error
+            raise EvolveError(
+                f"{self.path}: cannot be written: {error.strerror or error}; name another folder"
+            ) from error
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
@@ -93,15 +95,18 @@ class RunFolder:
             raise EvolveError(f"{self.path}: holds no run (no {SETTINGS}): name the folder of one") from error
         except OSError as error:
             raise EvolveError(f"{path}: cannot be read: {error.strerror or error}") from error
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise EvolveError(f"{path}: is cut short or damaged ({error}): put back a whole one") from error
         if not isinstance(told, dict) or told.get("format") != FORMAT or told.get("version") != VERSION:
             raise EvolveError(
                 f"{path}: is not the settings of a run that this program (version {VERSION}) reads"
             )
+        generations = told.get("generations")
+        if type(generations) is not int or generations < 1:
+            raise EvolveError(f"{path}: generations is {generations!r}: write a whole number from 1")
         try:
-            return settings_from_json(told["settings"]), int(told["generations"])
-        except (EvolveError, KeyError, TypeError, ValueError) as error:
+            return settings_from_json(told.get("settings") or {}), generations
+        except EvolveError as error:
             raise EvolveError(f"{path}: {error}") from error
 
     def lengthen(self, generations: int) -> None:

@@ -7,6 +7,7 @@ from hashlib import sha256
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from evolve.afpo import Afpo
 from evolve.constraints import Constraints
@@ -14,10 +15,8 @@ from evolve.errors import EvolveError
 from evolve.problem import Physics, Problem
 from evolve.selection import Crowding
 from evolve.variation import Variation
-from sim.errors import SimError
 from sim.geometry import geometry
 from sim.heights import Surface
-from sim.materials import Materials
 from sim.score import Scoring
 from sim.targets.target import Target
 
@@ -84,23 +83,31 @@ def settings_from_json(told: Mapping[str, Any]) -> Settings:
         EvolveError: they are not such.
     """
     try:
-        physics = dict(told["physics"])
+        physics, constraints = dict(told["physics"]), dict(told["constraints"])
         physics["geometry"] = geometry(physics["geometry"])
-        physics["materials"] = Materials(**physics["materials"])
-        constraints = dict(told["constraints"])
         constraints["geometry"] = geometry(constraints["geometry"])
-        surface: Surface = told["surface"]
         targets = tuple(_target_from_json(target) for target in told["targets"])
         return Settings(
-            Problem(Physics(**physics), targets, surface, Scoring(**told["scoring"])),
-            Constraints(**constraints),
-            told["seed"],
-            told["population"],
-            told["crowding"],
-            Variation(dict(told["rates"])),
-            dict(told["notes"]),
+            Problem(
+                _typed(Physics, physics),
+                targets,
+                _typed(Surface, told["surface"]),
+                _typed(Scoring, told["scoring"]),
+            ),
+            _typed(Constraints, constraints),
+            _typed(int, told["seed"]),
+            _typed(int, told["population"]),
+            _typed(Crowding, told["crowding"]),
+            Variation(_typed(dict[str, float], told["rates"])),
+            _typed(dict[str, Any], told["notes"]),
         )
-    except (KeyError, TypeError, AttributeError, SimError) as error:
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise EvolveError(
+            f"the settings are not those of a run: {where} {first['input']!r}: {first['msg']}"
+        ) from error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise EvolveError(f"the settings are not those of a run ({type(error).__name__}: {error})") from error
 
 
@@ -122,6 +129,10 @@ def differences(one: Settings, other: Settings) -> list[str]:
         else:
             found.append(f"{name} ({ours[name]} / {theirs[name]})")
     return found
+
+
+def _typed(kind: Any, value: Any) -> Any:  # noqa: ANN401 - whatever a file holds, as a type says
+    return TypeAdapter(kind).validate_python(value)
 
 
 def _target_to_json(target: Target) -> dict[str, Any]:

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from labctl.evolution.choices import Choices
 
 GENERATIONS = 300
+# A seed is part of a folder's name.
+_SEED_DIGITS = 18
 # The options that say what is searched for and how; all others say where it runs and what is told.
 CHOICES = (
     "targets",
@@ -77,7 +79,11 @@ _OPTIONS = (
         "--generations", type=click.IntRange(min=1), default=GENERATIONS, show_default=True, help="In all."
     ),
     click.option(
-        "--population", type=click.IntRange(min=2), default=100, show_default=True, help="Layouts in each."
+        "--population",
+        type=click.IntRange(2, 10_000),
+        default=100,
+        show_default=True,
+        help="Layouts in each.",
     ),
     click.option(
         "--representation",
@@ -208,8 +214,12 @@ def seeds_of(wanted: Wanted) -> list[int]:
     if is_given("seed"):
         raise click.UsageError("give --seed or --seeds, not both")
     parts = [part.strip() for part in wanted.seeds.split(",")]
-    if not all(part.isdecimal() for part in parts) or len(set(map(int, parts))) < len(parts):
-        raise BadInput(f"--seeds {wanted.seeds!r}: write whole numbers from 0, each once, as in 1,2,3")
+    numbers = all(part.isascii() and part.isdecimal() and len(part) <= _SEED_DIGITS for part in parts)
+    if not numbers or len(set(map(int, parts))) < len(parts):
+        raise BadInput(
+            f"--seeds {wanted.seeds!r}: write whole numbers from 0, of at most {_SEED_DIGITS} digits, each once, as "
+            "in 1,2,3"
+        )
     return [int(part) for part in parts]
 
 

@@ -22,6 +22,8 @@ _PAGE = "index.html"
 _RULES: "tuple[Rule, ...]" = ("paper", "knee")
 # A table on a terminal; the page and --json have all of a front.
 _ROWS = 20
+# How a picked design begins: only such a file may be replaced by another.
+_HEAD = "Evolved for "
 
 
 @click.command()
@@ -74,9 +76,10 @@ def pick(
     with lab_errors():
         runs = load_runs(run)
         if seed is not None:
+            known = [str(each.settings.seed) for each in runs]
             runs = [each for each in runs if each.settings.seed == seed]
             if not runs:
-                raise BadInput(f"{run}: has no run of seed {seed}")
+                raise BadInput(f"{run}: has no run of seed {seed}, only of {', '.join(known)}")
         if member is not None and len(runs) > 1:
             raise BadInput(f"{run}: has several runs: say by --seed whose member {member} is meant")
         of_run, chosen = _chosen(runs, rule, member)
@@ -84,11 +87,12 @@ def pick(
     said = f"member {member}" if member is not None else said
     errors = _errors_words(of_run.settings, chosen)
     remarks = [
-        f"Evolved for {', '.join(target.name for target in of_run.settings.problem.targets)}: {said} of seed "
+        f"{_HEAD}{', '.join(target.name for target in of_run.settings.problem.targets)}: {said} of seed "
         f"{of_run.settings.seed}, generation {of_run.checkpoint.state.generation + 1}, member {chosen.id}.",
         f"Errors in simulation, e_s: {errors}.",
     ]
     path = out_path or run / f"{rule if member is None else f'member-{member}'}.toml"
+    _check_replaceable(path)
     with whole_file(path) as unfinished:
         unfinished.write_text(design_toml(chosen, of_run, _name(of_run.settings, chosen), remarks))
     if as_json:
@@ -227,6 +231,13 @@ def _chosen(runs: "list[EvolvedRun]", rule: "Rule", wanted: int | None) -> "tupl
     )
 
 
+def _check_replaceable(path: Path) -> None:
+    """Refuse to write over a file that is no picked design: a run's own, a rig's, somebody's work."""
+    begins = f"# {_HEAD}".encode()
+    if path.is_file() and not path.read_bytes().startswith(begins):
+        raise BadInput(f"{path}: is there already and is no picked design: name another file")
+
+
 def _rescored(runs: "list[EvolvedRun]") -> "list[tuple[Member, ...] | None]":
     from evolve.errors import SearchStopped
     from evolve.workers.local import Processes
@@ -236,7 +247,7 @@ def _rescored(runs: "list[EvolvedRun]") -> "list[tuple[Member, ...] | None]":
     def compile_first(solver: Any, precision: Any) -> None:  # noqa: ANN401 - the solver's own names
         compile_kernels(lambda text: click.echo(f"labctl: {text}", err=True), solver, precision)
 
-    problem = published_problem(runs[0].settings, compile_first)
+    problem = published_problem(runs[0], compile_first)
     try:
         with (
             stop_on_signals(doing="stopping") as stop,

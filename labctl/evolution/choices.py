@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
+from math import isfinite
 from pathlib import Path
 from platform import python_version
 from typing import Any, Literal
@@ -128,9 +129,13 @@ def parse_rates(text: str) -> dict[str, float]:
                 f"--rates {text!r}: {part.strip()!r} is no operator with a rate from 0 up; write near=0.5,count=0.2 "
                 f"with some of {', '.join(OPERATORS)}"
             )
+        if name in rates:
+            raise BadInput(f"--rates {text!r}: {name} is there twice; give each operator one rate")
         rates[name] = rate
     if not any(rates.values()):
         raise BadInput(f"--rates {text!r}: every operator is off; give one a rate above 0")
+    if not isfinite(sum(rates.values())):
+        raise BadInput(f"--rates {text!r}: the sum is too large a number; they are shares, 0.5 is as good")
     return rates
 
 

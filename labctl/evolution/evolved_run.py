@@ -4,11 +4,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from evolve.checkpoint import Checkpoint
 from evolve.errors import EvolveError
 from evolve.run_folder import CHECKPOINT, RunFolder
 from evolve.settings import Settings, differences
+from labctl.config.design import Design
+from labctl.config.load import design_from_text
 from labctl.config.schema_design import CHANNELS
 from labctl.errors import BadInput
 
@@ -29,6 +32,21 @@ class EvolvedRun:
     def targets(self) -> tuple[str, ...]:
         """The names of the targets, in the order of the patterns."""
         return tuple(target.name for target in self.settings.problem.targets)
+
+    @property
+    def design(self) -> Design:
+        """The design whose sheet was searched for, as the run has kept it.
+
+        Raises:
+            BadInput: the run has none, since it was not begun by labctl evolve, or it is not one.
+        """
+        noted: Any = self.settings.notes.get("design")
+        try:
+            return design_from_text(noted["text"], f"{self.folder}, {noted['source']}")
+        except (KeyError, TypeError, AttributeError) as error:
+            raise BadInput(
+                f"{self.folder}: run.json notes no design: only runs of labctl evolve know the sheet they are for"
+            ) from error
 
     @property
     def channels(self) -> Sequence[int]:
@@ -75,11 +93,18 @@ def load_runs(folder: Path) -> list[EvolvedRun]:
 
 
 def run_folders(path: Path) -> list[RunFolder]:
-    """The runs of a folder: the one that it is, or those of its seeds in their order; none if it holds none."""
-    if RunFolder(path).begun:
-        return [RunFolder(path)]
-    if not path.is_dir():
-        return []
+    """The runs of a folder: the one that it is, or those of its seeds in their order; none if it holds none.
+
+    Raises:
+        BadInput: it cannot be looked into.
+    """
+    try:
+        if RunFolder(path).begun:
+            return [RunFolder(path)]
+        if not path.is_dir():
+            return []
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror or error}; name another folder") from error
     found = [(_ONE_SEED.fullmatch(entry.name), entry) for entry in path.iterdir()]
     seeds = sorted((int(name[1]), entry) for name, entry in found if name)
     return [RunFolder(entry) for _, entry in seeds if RunFolder(entry).begun]

@@ -2,10 +2,8 @@
 
 import json
 from collections.abc import Sequence
-from typing import Any
 
 from evolve.selection import Member
-from labctl.config.load import design_from_text
 from labctl.evolution.evolved_run import EvolvedRun
 from labctl.evolution.fiber_list import ListedFiber, PointMm, fiber_list
 
@@ -15,8 +13,7 @@ def design_toml(member: Member, run: EvolvedRun, name: str, remarks: Sequence[st
 
     Fibers are numbered as on the run's page; patterns have the targets' names. `remarks` stand at its head.
     """
-    origin: Any = run.settings.notes["design"]
-    base = design_from_text(origin["text"], origin["source"])
+    base = run.design
     lines = [f"# {remark}" for remark in remarks]
     lines += ["", f"name = {_quoted(name)}", "", "[sheet]", f'diameter = "{base.sheet.diameter_mm:g} mm"']
     lines += [f"geometry = {_quoted(base.sheet.geometry)}"]

@@ -2,15 +2,13 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any
 
 from evolve.evaluation import Clock, Evaluation
 from evolve.problem import Physics, Problem
 from evolve.selection import Member
-from evolve.settings import Settings
 from evolve.workers.pool import Pool, Stopped
 from labctl.config.design import Design
-from labctl.config.load import design_from_text
+from labctl.evolution.evolved_run import EvolvedRun
 from labctl.evolution.targets import PATTERN, CompileFirst, targets_of
 from labctl.simulation import materials_of
 from sim.geometry import geometry
@@ -31,17 +29,19 @@ def published_scoring(targets: Iterable[str]) -> Scoring:
     return PUBLISHED_SPHERE_CYLINDER if simulated else PUBLISHED_SADDLES
 
 
-def published_problem(settings: Settings, compile_first: CompileFirst) -> Problem:
+def published_problem(run: EvolvedRun, compile_first: CompileFirst) -> Problem:
     """The published scoring of a run's targets, on the sheet that it was searched for.
 
     Patterns are simulated again, by the published protocol; other targets keep their heights.
+
+    Raises:
+        BadInput: the run notes no design.
     """
-    noted: Any = settings.notes["design"]
-    design = design_from_text(noted["text"], noted["source"])
+    design = run.design
     physics = published_physics(design)
     compile_first(physics.solver, physics.precision)
     targets = []
-    for target in settings.problem.targets:
+    for target in run.settings.problem.targets:
         if target.source.startswith(PATTERN):
             (simulated,) = targets_of([target.source], design, physics, PUBLISHED_SURFACE)
             target = replace(simulated, name=target.name)

@@ -82,6 +82,8 @@ def targets_of(
     targets: list[Target] = []
     for word in words:
         full = full_words(word, design)
+        if full in (known.source for known in targets):
+            raise BadInput(f"target {word!r}: {full} is there already; name each shape once")
         target = target_from_words(full, design, physics.geometry, pattern_heights_m)
         name = _short_name(full, {known.name for known in targets})
         targets.append(replace(target, name=name, source=full))

@@ -86,6 +86,33 @@ def test_a_member_is_picked_by_its_id(searched, capsys):
     assert "is not on the front" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["run.json", "checkpoint.json", "population.json", "index.html", "lock"])
+def test_a_pick_replaces_picks_only(searched, capsys, name):
+    folder, _ = searched
+    before = (folder / name).read_bytes()
+
+    assert "is no picked design" in fails(capsys, "pick", folder, "--out", folder / name)
+
+    assert (folder / name).read_bytes() == before
+    for _ in range(2):
+        assert run(["evolve", "pick", str(folder), "--out", str(folder.parent / "again.toml")]) == 0
+
+
+def test_a_folder_whose_name_is_too_long(capsys):
+    for command in (["show", "x" * 300], [*SEARCH, "--out", "x" * 300]):
+        assert "File name too long" in fails(capsys, *command)
+
+
+@pytest.mark.parametrize("name", ["run.json", "checkpoint.json"])
+def test_a_file_of_endless_brackets_is_refused(searched, tmp_path, capsys, name):
+    folder, _ = searched
+    for each in ("run.json", "checkpoint.json"):
+        (tmp_path / each).write_bytes((folder / each).read_bytes())
+    (tmp_path / name).write_bytes(b"[" * 100_000)
+
+    assert "damaged" in fails(capsys, "show", tmp_path)
+
+
 def test_show_scores_the_published_way_too(searched, capsys):
     folder, told = searched
 
@@ -171,7 +198,12 @@ def test_more_generations_and_several_seeds(tmp_path, capsys):
         (["--rates", "near=0"], "every operator is off"),
         (["--rates", "near=1", "--without", "near"], "leave one on"),
         (["--without", "nera"], "no such operator"),
+        (["--rates", "near=1,near=2"], "near is there twice"),
+        (["--rates", "near=1e308,count=1e308"], "too large"),
         (["--seeds", "1,1"], "--seeds"),
+        (["--seeds", "9" * 5000], "at most 18 digits"),
+        (["--seeds", "1," + "7" * 300], "at most 18 digits"),
+        (["--targets", "saddle:20mm,saddle"], "is there already"),
         (["--seeds", "1", "--seed", "2"], "not both"),
         (["--scoring", "published", "--surface", "top"], "--surface"),
         (["--workers", "0"], "--workers"),
