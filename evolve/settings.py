@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from hashlib import sha256
 from typing import Any
 
@@ -17,6 +17,7 @@ from evolve.selection import Crowding
 from evolve.variation import Variation
 from sim.geometry import geometry
 from sim.heights import Surface
+from sim.materials import Materials
 from sim.score import Scoring
 from sim.targets.target import Target
 
@@ -85,6 +86,7 @@ def settings_from_json(told: Mapping[str, Any]) -> Settings:
     try:
         physics, constraints = dict(told["physics"]), dict(told["constraints"])
         physics["geometry"] = geometry(physics["geometry"])
+        physics["materials"] = _typed(Materials, physics["materials"])
         constraints["geometry"] = geometry(constraints["geometry"])
         targets = tuple(_target_from_json(target) for target in told["targets"])
         return Settings(
@@ -132,6 +134,9 @@ def differences(one: Settings, other: Settings) -> list[str]:
 
 
 def _typed(kind: Any, value: Any) -> Any:  # noqa: ANN401 - whatever a file holds, as a type says
+    # Pydantic passes over what a dataclass does not have.
+    if is_dataclass(kind) and (unknown := set(value) - {entry.name for entry in fields(kind)}):
+        raise TypeError(f"nothing is called {', '.join(sorted(unknown))}")
     return TypeAdapter(kind).validate_python(value)
 
 

@@ -141,7 +141,7 @@ def test_a_folder_without_a_run_is_told_so(tmp_path):
         ("{", "is cut short or damaged"),
         ("[]", "is not the settings of a run"),
         ('{"format": "labctl evolve run", "version": 2}', "is not the settings of a run"),
-        ('{"format": "labctl evolve run", "version": 1}', "'settings'"),
+        ('{"format": "labctl evolve run", "version": 1}', "generations is None"),
     ],
 )
 def test_a_run_json_that_is_none_is_refused_and_left(folder, content, words):

@@ -142,3 +142,44 @@ def test_settings_with_a_field_that_is_not_known_are_refused():
     told["physics"]["gravity"] = 9.81
     with pytest.raises(EvolveError, match="gravity"):
         settings_from_json(told)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("seed", None),
+        ("seed", [1]),
+        ("seed", "x"),
+        ("population", 2.5),
+        ("population", float("nan")),
+        ("crowding", "contributon"),
+        ("surface", "x"),
+        ("targets", 5),
+        ("targets", [{}]),
+        ("physics", None),
+        ("constraints", []),
+        ("rates", {"near": "x"}),
+        ("notes", []),
+    ],
+)
+def test_a_setting_of_another_type_is_refused(name, value):
+    with pytest.raises(EvolveError):
+        settings_from_json(settings_to_json(BASE) | {name: value})
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "value"),
+    [
+        ("physics", "solver", "x"),
+        ("physics", "strain", "x"),
+        ("physics", "materials", {"jammed_pa": "x"}),
+        ("physics", "materials", {"jammed": 1.0}),
+        ("constraints", "fibers_per_face", 2.5),
+        ("scoring", "columns", "some"),
+    ],
+)
+def test_a_part_of_another_type_is_refused(part, name, value):
+    told = settings_to_json(BASE)
+    told[part][name] = value
+    with pytest.raises(EvolveError):
+        settings_from_json(told)
