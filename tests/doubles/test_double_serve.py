@@ -1,6 +1,6 @@
-import re
 import json
 import os
+import re
 import socket
 import time
 import tomllib
@@ -76,7 +76,7 @@ def test_rig_file_points_at_doubles_that_answer(design, shapes, serial):
             "timeout": "0.5 s",
         }
         # Of either sign: a sensor at rest is noisy.
-    assert re.match(rb"A [+-]000\.0\d \+000\.00", serial(rig["regulator"]["port"]).ask(b"A\r"))
+        assert re.match(rb"A [+-]000\.0\d \+000\.00", serial(rig["regulator"]["port"]).ask(b"A\r"))
         assert rig["valves"] == {
             "name": "valve bank",
             "driver": "waveshare-relay",
