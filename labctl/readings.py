@@ -63,3 +63,55 @@ class MarkerFrame:
     ids: NDArray[np.int64]
     positions_mm: NDArray[np.float64]
     cond: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerFrames:
+    """Consecutive frames of a marker stream, in the order sent, in the instrument's own frame of reference.
+
+    k frames with s samples in all: `time_s` float64 (k,), the instrument's time; `arrival_s` float64 (k,), the
+    laboratory's clock when the frame was read; `starts` int64 (k + 1,), so that frame f holds the samples
+    `starts[f]` to `starts[f + 1]`; `ids` int32 (s,); `positions_mm` float32 (s, 3); `cond` float32 (s,). A sample
+    with `cond <= 0` was not seen and its position means nothing.
+    """
+
+    time_s: NDArray[np.float64]
+    arrival_s: NDArray[np.float64]
+    starts: NDArray[np.int64]
+    ids: NDArray[np.int32]
+    positions_mm: NDArray[np.float32]
+    cond: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True)
+class PressureSample:
+    """A reading of the regulator, and the laboratory's clock when it was asked for and when it had come."""
+
+    reading: PressureReading
+    asked_s: float
+    came_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class PressureSamples:
+    """n readings in order: `asked_s`, `came_s`, `gauge_psi`, `setpoint_psi` float64 (n,); `status` n flag texts.
+
+    `status` holds each reading's flags, sorted and joined by spaces.
+    """
+
+    asked_s: NDArray[np.float64]
+    came_s: NDArray[np.float64]
+    gauge_psi: NDArray[np.float64]
+    setpoint_psi: NDArray[np.float64]
+    status: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.asked_s)
+
+    @property
+    def time_s(self) -> NDArray[np.float64]:
+        """When each was measured: half way between asking and answer."""
+        return (self.asked_s + self.came_s) / 2

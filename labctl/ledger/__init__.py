@@ -1,0 +1,1 @@
+"""Runs, trials, events and raw samples, committed before they are reported."""

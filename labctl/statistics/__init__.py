@@ -1,0 +1,1 @@
+"""What trials say together: means, intervals, comparisons, tables."""
