@@ -124,6 +124,21 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class MeasurementConfig:
+    """When the sheet counts as still, and what a good measurement takes.
+
+    Still: over `still_over_s` the markers move by less than `still_mm`, root mean square. A trial counts when at
+    least `min_points` markers were seen in at least `min_share` of a window's frames.
+    """
+
+    min_points: int
+    min_share: float = 0.5
+    still_mm: float = 0.05
+    still_over_s: float = 5.0
+    relax_timeout_s: float = 600.0
+
+
+@dataclass(frozen=True)
 class RigConfig:
     """One rig. `speed` is how fast its time runs against the wall's: 1 for real instruments, always."""
 
@@ -135,3 +150,4 @@ class RigConfig:
     valves: ValvesConfig
     markers: MarkersConfig
     limits: Limits
+    measurement: MeasurementConfig

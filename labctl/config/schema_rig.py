@@ -3,6 +3,7 @@
 Keys carry no unit suffix; their values are in mm, psi, s, Hz and psi/s unless they name a unit.
 """
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationInfo, field_validator
@@ -13,6 +14,7 @@ from labctl.config.rig import (
     Limits,
     MarkerPoint,
     MarkersConfig,
+    MeasurementConfig,
     PressureUnit,
     RegulatorConfig,
     RigConfig,
@@ -37,6 +39,8 @@ LOWEST_FREQUENCY_HZ = 10.0
 # Above this a regulator's reply is taken for a transmission error.
 HIGHEST_PSI = 20.0
 LONGEST_HEARTBEAT_S = 1.0
+# Of the markers, where rig.toml does not say how many must be seen.
+SHARE_OF_POINTS = 0.75
 
 Name = Annotated[str, PlainValidator(Text())]
 Host = Annotated[
@@ -242,6 +246,40 @@ class LimitsSection(Section):
         )
 
 
+class MeasurementSection(Section):
+    """[measurement]; `min_points` left out means three quarters of the markers."""
+
+    min_points: Annotated[int, PlainValidator(Whole(3, 2**31 - 1))] | None = None
+    min_share: Annotated[float, PlainValidator(Number(Range(0, 1, above_low=True)))] = (
+        MeasurementConfig.min_share
+    )
+    still_within: Annotated[float, PlainValidator(Quantity(LENGTH, Range(0, 10, above_low=True)))] = (
+        MeasurementConfig.still_mm
+    )
+    still_over: Annotated[float, PlainValidator(Quantity(DURATION, Range(1, LONGEST_CAPTURE_S)))] = (
+        MeasurementConfig.still_over_s
+    )
+    relax_timeout: Duration = MeasurementConfig.relax_timeout_s
+
+    @field_validator("relax_timeout")
+    @classmethod
+    def _leaves_time_to_look(cls, timeout_s: float, info: ValidationInfo) -> float:
+        still_over_s: Any = info.data.get("still_over")
+        if still_over_s is not None and timeout_s <= still_over_s:
+            raise ValueError(f"{timeout_s:g} s must be above measurement.still_over, {still_over_s:g} s")
+        return timeout_s
+
+    def config(self, markers: int) -> MeasurementConfig:
+        """The measurement as the rest of the program knows it, for a rig of so many markers."""
+        return MeasurementConfig(
+            min_points=self.min_points or max(3, math.ceil(SHARE_OF_POINTS * markers)),
+            min_share=self.min_share,
+            still_mm=self.still_within,
+            still_over_s=self.still_over,
+            relax_timeout_s=self.relax_timeout,
+        )
+
+
 class RigFile(Section):
     """The whole of rig.toml."""
 
@@ -252,6 +290,18 @@ class RigFile(Section):
     valves: ValvesSection
     markers: MarkersSection
     limits: LimitsSection = LimitsSection()
+    measurement: MeasurementSection = MeasurementSection()
+
+    @field_validator("measurement")
+    @classmethod
+    def _asks_for_no_more_markers_than_there_are(
+        cls, measurement: MeasurementSection, info: ValidationInfo
+    ) -> MeasurementSection:
+        markers: MarkersSection | None = info.data.get("markers")
+        asked = measurement.min_points
+        if markers is not None and asked is not None and asked > len(markers.points):
+            raise ValueError(f"min_points = {asked} is more than the {len(markers.points)} of markers.points")
+        return measurement
 
     @field_validator("speed")
     @classmethod
@@ -271,4 +321,5 @@ class RigFile(Section):
             valves=self.valves.config(),
             markers=self.markers.config(),
             limits=self.limits.config(),
+            measurement=self.measurement.config(len(self.markers.points)),
         )
