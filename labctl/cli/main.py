@@ -20,6 +20,10 @@ from labctl.errors import LabError
 # Name -> (module, attribute, one line of help): `labctl --help` must not import what the commands need.
 COMMANDS = {
     "inflate": ("labctl.cli.inflate", "inflate", "Stiffen a pattern, inflate, measure, compare, vent."),
+    "run": ("labctl.cli.run", "run", "A scripted measurement: five-trial, relaxation, calibration, ..."),
+    "pause": ("labctl.cli.run_control", "pause", "Let the run that goes on wait after its trial."),
+    "resume": ("labctl.cli.run_control", "resume", "Let a paused run go on."),
+    "abort": ("labctl.cli.run_control", "abort", "End the run that goes on, to SAFE."),
     "vent": ("labctl.cli.vent", "vent", "Take the rig to SAFE and read it back."),
     "status": ("labctl.cli.status", "status", "What the instruments read now; changes nothing."),
     "doctor": ("labctl.cli.doctor", "doctor", "Who is connected and which protections this rig really has."),

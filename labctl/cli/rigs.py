@@ -52,8 +52,10 @@ def json_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @contextmanager
-def chosen_rig(rig_path: Path | None, design_name: str, stop: StopRequest) -> Iterator[RigConfig]:
-    """The configuration to work with; doubles are running while inside when no file was named."""
+def chosen_rig(
+    rig_path: Path | None, design_name: str, stop: StopRequest, speed: float = 1.0
+) -> Iterator[RigConfig]:
+    """The configuration to work with; doubles, of this speed, are running while inside when no file was named."""
     from labctl.config.load import load_rig
 
     outcome = Outcome.current()
@@ -65,19 +67,20 @@ def chosen_rig(rig_path: Path | None, design_name: str, stop: StopRequest) -> It
     outcome.simulated = True
     with tempfile.TemporaryDirectory(prefix="labctl-doubles-") as folder:
         path = Path(folder) / "rig.toml"
-        with _doubles_process(path, design_name, stop):
+        with _doubles_process(path, design_name, stop, speed):
             # The file is gone when a message that names it is read.
             yield replace(load_rig(path), source="the doubles' own rig.toml")
 
 
 @contextmanager
-def _doubles_process(rig_path: Path, design_name: str, stop: StopRequest) -> Iterator[None]:
+def _doubles_process(rig_path: Path, design_name: str, stop: StopRequest, speed: float) -> Iterator[None]:
     """Run `labctl doubles serve` beside this process.
 
     It holds the read end of a pipe as its lease and ends a few seconds after this process does, however it does:
     long enough for the guard to vent first. Its own session keeps the terminal's Ctrl-C from it.
     """
     arguments = ["doubles", "serve", "--design", design_name, "--out", str(rig_path), "--json", "--lease"]
+    arguments += ["--speed", str(speed)]
     process = subprocess.Popen(  # noqa: S603 - our own module, no shell
         [sys.executable, "-P", "-m", "labctl", *arguments],
         stdin=subprocess.PIPE,

@@ -22,7 +22,19 @@ def load_rig(path: str | Path) -> RigConfig:
         BadInput: the file cannot be read.
         ConfigError: it has mistakes.
     """
-    document = read_document(Path(path))
+    return _rig(read_document(Path(path)))
+
+
+def rig_from_text(text: str, source: str) -> RigConfig:
+    """The rig of a file's text; `source` is where it came from.
+
+    Raises:
+        ConfigError: it has mistakes.
+    """
+    return _rig(parse_document(text.encode(), source))
+
+
+def _rig(document: Document) -> RigConfig:
     rig, problems = validate(document, RigFile)
     problems += rig_problems(document)
     if rig is None or problems:

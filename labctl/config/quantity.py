@@ -66,6 +66,18 @@ def pressure_psi(text: str) -> float:
     return _not_negative(text, PRESSURE)
 
 
+def duration_s(text: str) -> float:
+    """A duration above 0 in s, from "2 min", "90 s" or "90".
+
+    Raises:
+        BadInput: not a duration, not finite, or not above 0.
+    """
+    seconds = _not_negative(text, DURATION)
+    if seconds == 0:
+        raise BadInput(f"{text!r} is no time to wait; write for example {DURATION.quoted}")
+    return seconds
+
+
 def _not_negative(text: str, kind: Kind) -> float:
     try:
         number = to_unit(text, kind)

@@ -1,0 +1,121 @@
+"""What a protocol is: a plan of trials, each a checklist of steps in setup, main and teardown.
+
+Steps are data before they are deeds: the same checklist is printed by `--dry-run`, checked against the rig's limits,
+and done. Teardown is always done, every step of it, whatever happened before. A laboratory's own package adds
+protocols by the entry point group "labctl.protocols" (docs/how-to/write-a-protocol.md).
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from labctl.config.design import Design
+from labctl.config.rig import RigConfig
+from labctl.measurement.windows import Window
+from labctl.rig import Rig
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for, complete: from it, the design and the rig the same plan follows again.
+
+    `placements` are the orders in which the patterns' fibers lie on the sheet, one sheet each; a protocol that
+    needs one sheet has one. `trials` is how many of each kind, `attempts` how often each may be tried.
+    """
+
+    protocol: str
+    patterns: tuple[str, ...]
+    pressures_psi: tuple[float, ...]
+    trials: int
+    attempts: int
+    placements: tuple[str, ...]
+    watch_s: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> "Request":
+        """The inverse of `to_json`."""
+        lists = {key: tuple(data[key]) for key in ("patterns", "pressures_psi", "placements")}
+        return cls(**{**data, **lists})
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What a step works with: the rig, a place to mark the windows of the recording, a place to say how it goes."""
+
+    rig: Rig
+    mark: Callable[[Window], None]
+    show: Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One line of a checklist.
+
+    `words` as the laboratory says it; `lasts_s` usually, `deadline_s` at most, on the rig's clock: a step that waits
+    by the rig's verbs is ended then. `pressure_psi` is the gauge pressure that it takes the sheet to and `channels`
+    the valves that it opens, for the check of the limits before anything moves.
+    """
+
+    words: str
+    lasts_s: float
+    deadline_s: float
+    do: Callable[[Bench], None]
+    pressure_psi: float | None = None
+    channels: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True)
+class Checklist:
+    """Setup and main in order, until one fails; teardown always, each of its steps."""
+
+    setup: tuple[Step, ...]
+    main: tuple[Step, ...]
+    teardown: tuple[Step, ...]
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """All of them in order."""
+        return (*self.setup, *self.main, *self.teardown)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One planned trial; `number` counts from 1. `sheet` is what must lie on the rig, in words; "" for any."""
+
+    number: int
+    placement: str
+    pattern: str
+    pressures_psi: tuple[float, ...]
+    checklist: Checklist
+    sheet: str = ""
+
+
+@dataclass(frozen=True)
+class Takes:
+    """How many patterns and pressures a protocol takes, at least and at most."""
+
+    patterns: tuple[int, int] = (1, 1)
+    pressures: tuple[int, int] = (1, 1)
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """A scripted measurement.
+
+    `summary` is one line for a person. `pressures_psi` and `trials` are used where nothing was asked for; `watch_s`
+    is how long the sheet is watched after venting, None where it is not. `placements` makes the orders of the
+    sheets from the patterns, None where the sheet stays. `plan` makes the trials; it asks no instrument.
+    """
+
+    name: str
+    summary: str
+    pressures_psi: tuple[float, ...]
+    trials: int
+    plan: Callable[[Request, Design, RigConfig], tuple[Trial, ...]]
+    takes: Takes = Takes()
+    watch_s: float | None = None
+    placements: Callable[[tuple[str, ...]], tuple[str, ...]] | None = None

@@ -1,0 +1,55 @@
+"""Doing a checklist: setup and main until one fails, then the whole teardown, each step within its deadline."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from labctl.session.contract import Bench, Checklist, Step
+from labctl.session.run_stop import RunStop
+
+
+@dataclass(frozen=True)
+class Performed:
+    """How a checklist ended: the error that ended it, and those of the teardown; none where all was done."""
+
+    step: Step
+    error: BaseException | None
+    teardown_errors: tuple[BaseException, ...]
+
+    @property
+    def first_error(self) -> BaseException | None:
+        """The error that counts."""
+        return self.error or (self.teardown_errors[0] if self.teardown_errors else None)
+
+
+def perform(
+    checklist: Checklist, bench: Bench, stop: RunStop, begin: Callable[[Step], None] = lambda _: None
+) -> Performed:
+    """Do a checklist; raises nothing. `begin` is told each step before it is done.
+
+    What is no `Exception` (an interrupt out of nowhere, an exit) ends setup and main like any error and is handed
+    back, so that teardown and the record of the trial come first.
+    """
+    done = checklist.steps[0]
+    error: BaseException | None = None
+    try:
+        for step in (*checklist.setup, *checklist.main):
+            done = step
+            _do(step, bench, stop, begin, teardown=False)
+    except BaseException as caught:
+        error = caught
+    failed_teardown: list[BaseException] = []
+    for step in checklist.teardown:
+        try:
+            _do(step, bench, stop, begin, teardown=True)
+        # The next step of a teardown is done whatever became of this one.
+        except BaseException as caught:
+            failed_teardown.append(caught)
+    return Performed(done, error, tuple(failed_teardown))
+
+
+def _do(step: Step, bench: Bench, stop: RunStop, begin: Callable[[Step], None], *, teardown: bool) -> None:
+    if not teardown:
+        stop.check()
+    with stop.during(step.words, step.deadline_s, bench.rig.clock, teardown=teardown):
+        begin(step)
+        step.do(bench)

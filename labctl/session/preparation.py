@@ -1,0 +1,173 @@
+"""What is settled before a rig is opened: protocol, request, design, and the record of a run that goes on."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from labctl.config.design import Design
+from labctl.config.load import design_from_text, design_text, load_design
+from labctl.config.rig import RigConfig
+from labctl.errors import BadInput
+from labctl.ledger.ledger import Ledger, LedgerWriter
+from labctl.ledger.moment import now
+from labctl.ledger.records import RunRecord
+from labctl.rig import Rig
+from labctl.session.catalogue import find_protocol
+from labctl.session.contract import Protocol, Request, Trial
+from labctl.session.events import write_event
+from labctl.session.provenance import commit, versions
+from labctl.session.request import Asked, complete
+from labctl.simulation import simulate_pattern
+
+# What may differ between the rig that began a run and the one that goes on with it: how it is reached, how fast a
+# simulated one runs.
+_MAY_DIFFER = frozenset(
+    {"source", "speed", "port", "baudrate", "host", "tcp_port", "server_number", "timeout_s"}
+)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A request with its protocol and design; `run` is the record of a run that goes on, None for a new one."""
+
+    protocol: Protocol
+    request: Request
+    design: Design
+    design_text: str
+    run: RunRecord | None = None
+
+
+def prepare(protocol_name: str, asked: Asked, design_name: str) -> Prepared:
+    """A new run.
+
+    Raises:
+        BadInput: no such protocol or design, or the protocol does not take what was asked for.
+    """
+    protocol = find_protocol(protocol_name)
+    design = load_design(design_name)
+    return Prepared(protocol, complete(protocol, asked, design), design, design_text(design_name))
+
+
+def prepare_again(ledger: Ledger, name: str) -> Prepared:
+    """A run that goes on, as its record says.
+
+    Raises:
+        BadInput: no such run, or it is finished.
+    """
+    run = ledger.find(name)
+    if any(event.kind == "finished" for event in ledger.events(run.number)):
+        raise BadInput(
+            f"run {run.number} is finished; look at it with labctl show {run.number}, or begin a new one"
+        )
+    design = design_from_text(run.design_text, run.design_source)
+    request = Request.from_json(dict(run.request))
+    return Prepared(find_protocol(run.protocol), request, design, run.design_text, run)
+
+
+def require_same_rig(run: RunRecord, config: RigConfig) -> None:
+    """Refuse to go on with a run on a rig that measures otherwise.
+
+    Raises:
+        BadInput: naming every setting that differs.
+    """
+    differing = list(_differences(run.rig, asdict(config), ""))
+    if differing:
+        raise BadInput(
+            f"run {run.number} was begun on another rig: {'; '.join(differing)}. Set it back in {config.source}, or "
+            "begin a new run"
+        )
+
+
+def simulated_heights(
+    design: Design, trials: Sequence[Trial], config: RigConfig
+) -> tuple[dict[str, Any], ...]:
+    """The simulator's heights of every pattern and pressure of a plan, as a run's record holds them.
+
+    Raises:
+        BadInput, LabError: a pattern that cannot be simulated.
+    """
+    points_mm = config.markers.points_mm()
+    wanted = dict.fromkeys((trial.pattern, psi) for trial in trials for psi in trial.pressures_psi)
+    return tuple(
+        {"pattern": pattern, "pressure_psi": psi, "heights_mm": _heights_mm(design, pattern, psi, points_mm)}
+        for pattern, psi in wanted
+    )
+
+
+def begin(
+    ledger: LedgerWriter,
+    prepared: Prepared,
+    heights: tuple[dict[str, Any], ...],
+    rig: Rig,
+    operator: str,
+    note: str,
+) -> RunRecord:
+    """Put a new run into the ledger, with all that says how it was made."""
+    return ledger.begin_run(
+        RunRecord(
+            number=0,
+            protocol=prepared.protocol.name,
+            begun=now(),
+            request=prepared.request.to_json(),
+            design_name=prepared.design.name,
+            design_source=prepared.design.source,
+            design_text=prepared.design_text,
+            rig_name=rig.config.name,
+            rig=asdict(rig.config),
+            simulated=rig.config.simulated,
+            identities=asdict(rig.identities),
+            simulated_heights=heights,
+            versions=versions(),
+            commit=commit(),
+            operator=operator,
+            note=note,
+        )
+    )
+
+
+def go_on(ledger: LedgerWriter, run: RunRecord, rig: Rig, operator: str, note: str) -> RunRecord:
+    """Say in the ledger that a run goes on, by whom, and with which instruments and programs."""
+    detail = {
+        "operator": operator,
+        "note": note,
+        "identities": asdict(rig.identities),
+        "versions": versions(),
+        "commit": commit(),
+    }
+    write_event(ledger, run.number, "continued", detail)
+    return run
+
+
+def _heights_mm(design: Design, pattern: str, pressure_psi: float, points_mm: np.ndarray) -> list[float]:
+    simulated = simulate_pattern(design, pattern, design.sheet.strain_at(pressure_psi))
+    heights: list[float] = simulated.points_mm(points_mm)[:, 2].tolist()
+    return heights
+
+
+def _differences(before: Mapping[str, Any], after: Mapping[str, Any], path: str) -> Sequence[str]:
+    found: list[str] = []
+    for key in before.keys() | after.keys():
+        old, new, name = before.get(key), after.get(key), f"{path}{key}"
+        if key in _MAY_DIFFER:
+            continue
+        if isinstance(old, Mapping) and isinstance(new, Mapping):
+            found += _differences(old, new, f"{name}.")
+        elif _plain(old) != _plain(new):
+            found.append(f"{name} was {_brief(old)} and is {_brief(new)}")
+    return sorted(found)
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a configuration holds
+    """Lists where there are tuples: JSON has no others."""
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return value
+
+
+def _brief(value: object) -> str:
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,95 @@
+"""From what was asked for to a complete request and its plan, every mistake refused before anything moves."""
+
+from dataclasses import dataclass
+
+from labctl.config.design import Design
+from labctl.config.load import check_fit
+from labctl.config.rig import RigConfig
+from labctl.errors import BadInput
+from labctl.session.contract import Protocol, Request, Trial
+
+MOST_TRIALS = 1000
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a person asked for; None and empty are left to the protocol."""
+
+    patterns: tuple[str, ...]
+    pressures_psi: tuple[float, ...] = ()
+    trials: int | None = None
+    attempts: int = 3
+    placement: str | None = None
+    watch_s: float | None = None
+
+
+def complete(protocol: Protocol, asked: Asked, design: Design) -> Request:
+    """Fill in the protocol's own values.
+
+    Raises:
+        BadInput: the protocol does not take what was asked for.
+    """
+    _require_count(protocol, "--pattern", len(asked.patterns), protocol.takes.patterns)
+    pressures_psi = asked.pressures_psi or protocol.pressures_psi
+    _require_count(protocol, "--pressure", len(pressures_psi), protocol.takes.pressures)
+    for name, values in (("pattern", asked.patterns), ("pressure", pressures_psi)):
+        if len(set(values)) < len(values):
+            raise BadInput(f"{protocol.name}: a {name} is named twice: {', '.join(map(str, values))}")
+    for pattern in asked.patterns:
+        if not design.jammed(pattern):
+            raise BadInput(f"pattern {pattern!r} of design {design.name} ({design.source}) stiffens no fiber")
+    if asked.watch_s is not None and protocol.watch_s is None:
+        raise BadInput(f"{protocol.name} does not watch the sheet after venting: leave --watch out")
+    trials = protocol.trials if asked.trials is None else asked.trials
+    return Request(
+        protocol=protocol.name,
+        patterns=asked.patterns,
+        pressures_psi=pressures_psi,
+        trials=trials,
+        attempts=asked.attempts,
+        placements=_placements(protocol, asked, design),
+        watch_s=protocol.watch_s if asked.watch_s is None else asked.watch_s,
+    )
+
+
+def plan(protocol: Protocol, request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
+    """The trials, each step checked against the rig's limits and valves.
+
+    Raises:
+        BadInput: a pressure that this rig must not go to, a fiber without a valve, no trial at all.
+    """
+    check_fit(design, rig)
+    trials = protocol.plan(request, design, rig)
+    if not 0 < len(trials) <= MOST_TRIALS:
+        raise BadInput(f"{protocol.name}: a plan of {len(trials)} trials; 1 to {MOST_TRIALS} can be run")
+    for trial in trials:
+        for step in trial.checklist.steps:
+            if step.pressure_psi is not None:
+                rig.limits.check_pressure(step.pressure_psi, rig.source)
+            beyond = sorted(channel for channel in step.channels if channel > rig.valves.channels)
+            if beyond:
+                raise BadInput(
+                    f"step '{step.words}' opens channel {beyond[0]}, and {rig.source} has valves.channels = "
+                    f"{rig.valves.channels}"
+                )
+    return trials
+
+
+def _require_count(protocol: Protocol, option: str, given: int, takes: tuple[int, int]) -> None:
+    least, most = takes
+    if not least <= given <= most:
+        wanted = f"{least}" if least == most else f"{least} to {most}"
+        raise BadInput(f"{protocol.name} takes {wanted} {option}, {given} given; repeat the option for each")
+
+
+def _placements(protocol: Protocol, asked: Asked, design: Design) -> tuple[str, ...]:
+    """How the fibers lie on the sheet, in Table III's words."""
+    if protocol.placements is not None:
+        if asked.placement is not None:
+            raise BadInput(f"{protocol.name} names its own placements: leave --placement out")
+        return protocol.placements(asked.patterns)
+    if asked.placement is not None:
+        return (asked.placement,)
+    used = frozenset().union(*(design.jammed(pattern) for pattern in asked.patterns))
+    is_neat = used == {fiber.id for fiber in design.fibers}
+    return ("neat" if is_neat else "combined",)

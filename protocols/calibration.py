@@ -1,0 +1,54 @@
+"""One pattern up a staircase of pressures: the table of heights that the simulator is fitted to.
+
+Source: Parsa et al., RoboSoft 2023, section II.A: calibrated on a sheet with three parallel fibers; the published
+table has 16 points at 2, 2.5, 3 and 3.5 psi. `labctl export RUN --format csv` writes it, `labctl compare` reads it.
+"""
+
+from labctl.config.design import Design
+from labctl.config.rig import RigConfig
+from labctl.session.contract import Checklist, Protocol, Request, Step, Takes, Trial
+from protocols.steps import (
+    capture_baseline,
+    capture_level,
+    hold_until_settled,
+    jam,
+    ramp,
+    vent_and_unjam,
+    wait_until_relaxed,
+)
+
+
+def _staircase(pressures_psi: tuple[float, ...], rig: RigConfig) -> tuple[Step, ...]:
+    steps: list[Step] = []
+    below_psi = 0.0
+    for pressure_psi in pressures_psi:
+        steps += [
+            ramp(pressure_psi, rig, below_psi),
+            hold_until_settled(pressure_psi, rig),
+            capture_level(pressure_psi, rig),
+        ]
+        below_psi = pressure_psi
+    return tuple(steps)
+
+
+def _plan(request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
+    (pattern,), (placement,) = request.patterns, request.placements
+    pressures_psi = tuple(sorted(request.pressures_psi))
+    checklist = Checklist(
+        setup=(wait_until_relaxed(rig), capture_baseline(rig)),
+        main=(jam(design.channels(pattern), pattern), *_staircase(pressures_psi, rig)),
+        teardown=(vent_and_unjam(rig),),
+    )
+    return tuple(
+        Trial(number, placement, pattern, pressures_psi, checklist) for number in range(1, request.trials + 1)
+    )
+
+
+CALIBRATION = Protocol(
+    name="calibration",
+    summary="one pattern up a staircase of 2, 2.5, 3 and 3.5 psi: the table that the simulator is fitted to",
+    pressures_psi=(2.0, 2.5, 3.0, 3.5),
+    trials=5,
+    plan=_plan,
+    takes=Takes(pressures=(1, 20)),
+)

@@ -1,0 +1,52 @@
+"""Five trials of one pattern at one pressure: the published measurement.
+
+Source: Parsa et al., RoboSoft 2023, sections II.C and II.E: held at 3.9 +- 0.1 psi (3.6 for the neat sphere, whose
+markers hide at more), heights at 16 points, averaged over five trials.
+"""
+
+from labctl.config.design import Design
+from labctl.config.rig import RigConfig
+from labctl.session.contract import Checklist, Protocol, Request, Trial
+from protocols.steps import (
+    capture_baseline,
+    capture_level,
+    hold_until_settled,
+    jam,
+    ramp,
+    vent_and_unjam,
+    wait_until_relaxed,
+)
+
+
+def inflate_once(pattern: str, pressure_psi: float, design: Design, rig: RigConfig) -> Checklist:
+    """The checklist of one trial."""
+    return Checklist(
+        setup=(
+            wait_until_relaxed(rig),
+            capture_baseline(rig),
+        ),
+        main=(
+            jam(design.channels(pattern), pattern),
+            ramp(pressure_psi, rig),
+            hold_until_settled(pressure_psi, rig),
+            capture_level(pressure_psi, rig),
+        ),
+        teardown=(vent_and_unjam(rig),),
+    )
+
+
+def _plan(request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
+    (pattern,), (pressure_psi,), (placement,) = request.patterns, request.pressures_psi, request.placements
+    return tuple(
+        Trial(number, placement, pattern, (pressure_psi,), inflate_once(pattern, pressure_psi, design, rig))
+        for number in range(1, request.trials + 1)
+    )
+
+
+FIVE_TRIAL = Protocol(
+    name="five-trial",
+    summary="one pattern, one pressure, five trials: e_t as mean +- sd",
+    pressures_psi=(3.9,),
+    trials=5,
+    plan=_plan,
+)

@@ -1,0 +1,184 @@
+"""The steps that protocols are made of, in the words of a checklist.
+
+Each returns a `Step`: what it says, how long it lasts and may last, what it does.
+"""
+
+from collections import deque
+from collections.abc import Callable, Collection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labctl.config.rig import RigConfig
+from labctl.errors import InstrumentError, Unsafe
+from labctl.measurement.windows import Window
+from labctl.mocap.window import average
+from labctl.readings import PressureReading
+from labctl.session.contract import Bench, Step
+
+# A fortieth of the usual inflation: what is left of it moves no marker by more than the noise.
+_UNINFLATED_PSI = 0.1
+# An exchange with an instrument, a reading that is waited for: what a step takes beside its waits.
+_MARGIN_S = 10.0
+_USUAL_VENT_S = 3.0
+_USUAL_STILL_S = 20.0
+# What one look at the sheet is averaged over, so that the cameras' noise does not pass for movement.
+_LOOK_S = 1.0
+
+
+def wait_until_relaxed(rig: RigConfig) -> Step:
+    """No pressure is left, and the sheet has come to rest since the shape before."""
+
+    def do(bench: Bench) -> None:
+        bench.rig.fall_below(_UNINFLATED_PSI)
+        _wait_until_still(bench)
+
+    wanted = rig.measurement
+    return Step(
+        f"wait until the sheet has relaxed (moves less than {wanted.still_mm:g} mm in {wanted.still_over_s:g} s)",
+        lasts_s=_USUAL_STILL_S,
+        deadline_s=wanted.relax_timeout_s + rig.limits.vent_timeout_s,
+        do=do,
+    )
+
+
+def capture_baseline(rig: RigConfig) -> Step:
+    """The uninflated sheet: the baseline that fixes the sheet frame."""
+
+    def do(bench: Bench) -> None:
+        start_s = bench.rig.clock.now_s()
+        bench.rig.capture(rig.limits.capture_s)
+        bench.mark(Window("baseline", start_s, bench.rig.clock.now_s()))
+
+    return _capturing("capture the uninflated sheet", rig, do)
+
+
+def jam(channels: Collection[int], pattern: str) -> Step:
+    """The pattern's valves, opened and read back."""
+    on = frozenset(channels)
+
+    def do(bench: Bench) -> None:
+        bench.rig.jam(on)
+        bench.rig.start_control()
+
+    listed = ", ".join(map(str, sorted(on)))
+    return Step(
+        f"jam {pattern} (channels {listed}) and read the valves back", 0.5, _MARGIN_S, do, channels=on
+    )
+
+
+def ramp(pressure_psi: float, rig: RigConfig, from_psi: float = 0.0) -> Step:
+    """Up to the pressure at the rig's rate."""
+
+    def do(bench: Bench) -> None:
+        bench.rig.ramp_to(pressure_psi, lambda reading: _show(bench, reading), from_psi)
+
+    lasts_s = abs(pressure_psi - from_psi) / rig.limits.ramp_psi_per_s
+    return Step(
+        f"ramp to {pressure_psi:.2f} psi at {rig.limits.ramp_psi_per_s:g} psi/s",
+        lasts_s,
+        2 * lasts_s + _MARGIN_S,
+        do,
+        pressure_psi,
+    )
+
+
+def hold_until_settled(pressure_psi: float, rig: RigConfig) -> Step:
+    """The pressure stays within its band, and the sheet has taken its shape."""
+    limits = rig.limits
+
+    def do(bench: Bench) -> None:
+        bench.rig.settle(pressure_psi, lambda reading: _show(bench, reading))
+        _wait_until_still(bench)
+
+    return Step(
+        f"hold {pressure_psi:.2f} +- {limits.hold_tolerance_psi:g} psi until pressure and shape have settled",
+        limits.settle_s + _USUAL_STILL_S,
+        limits.settle_timeout_s + rig.measurement.relax_timeout_s,
+        do,
+        pressure_psi,
+    )
+
+
+def capture_level(pressure_psi: float, rig: RigConfig) -> Step:
+    """A window of markers while the pressure holds."""
+
+    def do(bench: Bench) -> None:
+        start_s = bench.rig.clock.now_s()
+        _, hold = bench.rig.capture(rig.limits.capture_s)
+        bench.mark(Window("level", start_s, bench.rig.clock.now_s(), pressure_psi))
+        bench.show(f"{hold.mean_psi:.2f} psi")
+
+    return _capturing(f"capture the sheet at {pressure_psi:.2f} psi", rig, do, pressure_psi)
+
+
+def vent_and_unjam(rig: RigConfig) -> Step:
+    """Setpoint 0, exhaust open, every valve off, no pressure left: SAFE, read back."""
+
+    def do(bench: Bench) -> None:
+        report = bench.rig.make_safe()
+        if not report.safe:
+            raise Unsafe(report.describe())
+
+    return Step(
+        "vent, unjam, and read SAFE back", _USUAL_VENT_S, rig.limits.vent_timeout_s + 2 * _MARGIN_S, do
+    )
+
+
+def watch_the_sheet_relax(seconds: float) -> Step:
+    """Record the vented sheet on its way back."""
+
+    def do(bench: Bench) -> None:
+        start_s = bench.rig.clock.now_s()
+        bench.rig.wait(seconds)
+        bench.mark(Window("relaxing", start_s, bench.rig.clock.now_s()))
+
+    return Step(f"record the sheet for {seconds:g} s after venting", seconds, seconds + _MARGIN_S, do)
+
+
+def _capturing(
+    words: str, rig: RigConfig, do: Callable[[Bench], None], pressure_psi: float | None = None
+) -> Step:
+    return Step(words, rig.limits.capture_s, rig.limits.capture_s + _MARGIN_S, do, pressure_psi)
+
+
+def _wait_until_still(bench: Bench) -> None:
+    """Return when the markers have moved by less than the rig's `still_mm` over its `still_over_s`.
+
+    Raises:
+        InstrumentError: they had not within `relax_timeout_s`.
+    """
+    wanted = bench.rig.config.measurement
+    end_s = bench.rig.clock.now_s() + wanted.relax_timeout_s
+    seen: deque[tuple[float, NDArray[np.float64]]] = deque()
+    while True:
+        seen.append((bench.rig.clock.now_s(), _mean_mm(bench)))
+        while len(seen) > 1 and seen[-1][0] - seen[1][0] >= wanted.still_over_s:
+            seen.popleft()
+        moved_mm = _moved_mm(seen[0][1], seen[-1][1])
+        if seen[-1][0] - seen[0][0] >= wanted.still_over_s:
+            if moved_mm < wanted.still_mm:
+                return
+            bench.show(f"moved {moved_mm:.2f} mm in {seen[-1][0] - seen[0][0]:.0f} s")
+        if bench.rig.clock.now_s() > end_s:
+            raise InstrumentError(
+                f"the sheet was not still within {wanted.relax_timeout_s:g} s: it moved by {moved_mm:.3f} mm (root "
+                f"mean square) in {wanted.still_over_s:g} s, and {wanted.still_mm:g} mm is the limit; look for a "
+                "leak, or raise measurement.still_within or relax_timeout"
+            )
+
+
+def _mean_mm(bench: Bench) -> NDArray[np.float64]:
+    frames, _ = bench.rig.capture(_LOOK_S)
+    return average(frames, [point.id for point in bench.rig.config.markers.points]).mean_mm
+
+
+def _moved_mm(before_mm: NDArray[np.float64], after_mm: NDArray[np.float64]) -> float:
+    """Root mean square distance of the markers seen in both; infinite where there are none."""
+    squares = ((after_mm - before_mm) ** 2).sum(axis=1)
+    seen = squares[np.isfinite(squares)]
+    return float(np.sqrt(seen.mean())) if len(seen) else float("inf")
+
+
+def _show(bench: Bench, reading: PressureReading) -> None:
+    bench.show(f"{reading.gauge_psi:.2f} psi")

@@ -1,0 +1,131 @@
+"""From what was asked for to a plan; every mistake is refused before anything moves."""
+
+import pytest
+
+from labctl.config.load import load_design, rig_from_text
+from labctl.doubles.rig_file import rig_toml
+from labctl.doubles.settings import DoublesSettings
+from labctl.errors import BadInput
+from labctl.session.catalogue import find_protocol, protocol_names
+from labctl.session.contract import Request
+from labctl.session.rehearsal import rehearse
+from labctl.session.request import Asked, complete, plan
+
+DESIGN = load_design("known")
+
+
+def rig(**changes):
+    text = rig_toml(DoublesSettings(design=DESIGN), "/dev/null", "/dev/zero", "127.0.0.1", 0)
+    for before, after in changes.items():
+        assert before in text
+        text = text.replace(before, after)
+    return rig_from_text(text, "rig.toml")
+
+
+def planned(name, asked, **changes):
+    protocol = find_protocol(name)
+    return plan(protocol, complete(protocol, asked, DESIGN), DESIGN, rig(**changes))
+
+
+def test_the_five_protocols_are_found_by_entry_point():
+    assert set(protocol_names()) >= {
+        "five-trial",
+        "pressure-sweep",
+        "relaxation",
+        "layering",
+        "calibration",
+    }
+
+
+def test_an_unknown_protocol_is_answered_with_the_nearest():
+    with pytest.raises(BadInput, match="five-trial"):
+        find_protocol("five-trail")
+
+
+def test_five_trials_read_like_the_laboratorys_checklist():
+    trials = planned("five-trial", Asked(("sphere",)))
+
+    assert [trial.number for trial in trials] == [1, 2, 3, 4, 5]
+    assert [step.words.split(" (")[0] for step in trials[0].checklist.steps] == [
+        "wait until the sheet has relaxed",
+        "capture the uninflated sheet",
+        "jam sphere",
+        "ramp to 3.90 psi at 1 psi/s",
+        "hold 3.90 +- 0.1 psi until pressure and shape have settled",
+        "capture the sheet at 3.90 psi",
+        "vent, unjam, and read SAFE back",
+    ]
+    assert all(step.deadline_s > step.lasts_s > 0 for step in trials[0].checklist.steps)
+
+
+def test_a_sweep_goes_through_all_pressures_before_it_repeats_one():
+    trials = planned("pressure-sweep", Asked(("sphere",), trials=2))
+
+    assert [trial.pressures_psi for trial in trials] == [(2.6,), (3.0,), (3.5,), (3.9,)] * 2
+
+
+def test_a_calibration_is_a_staircase_within_one_inflation():
+    (trial,) = planned("calibration", Asked(("cylinder",), pressures_psi=(3.0, 2.0), trials=1))
+
+    assert trial.pressures_psi == (2.0, 3.0)
+    ramps = [step.words for step in trial.checklist.steps if step.words.startswith("ramp")]
+    assert ramps == ["ramp to 2.00 psi at 1 psi/s", "ramp to 3.00 psi at 1 psi/s"]
+    assert [step.lasts_s for step in trial.checklist.steps if step.words.startswith("ramp")] == [2.0, 1.0]
+
+
+def test_relaxation_vents_before_it_watches_and_vents_again_in_its_teardown():
+    (trial,) = planned("relaxation", Asked(("sphere",), trials=1, watch_s=30.0))
+
+    words = [step.words for step in trial.checklist.steps]
+    assert words[-3:] == [
+        "vent, unjam, and read SAFE back",
+        "record the sheet for 30 s after venting",
+        "vent, unjam, and read SAFE back",
+    ]
+
+
+def test_layering_measures_both_patterns_on_both_sheets_in_turn():
+    trials = planned("layering", Asked(("cylinder", "sphere"), trials=2))
+
+    assert [(trial.placement, trial.pattern) for trial in trials] == [
+        ("cylinder on sphere", "cylinder"),
+        ("cylinder on sphere", "sphere"),
+    ] * 2 + [("sphere on cylinder", "cylinder"), ("sphere on cylinder", "sphere")] * 2
+    assert trials[0].sheet != trials[-1].sheet
+
+
+def test_a_request_comes_back_from_json_and_makes_the_same_plan():
+    protocol = find_protocol("pressure-sweep")
+    request = complete(protocol, Asked(("sphere",)), DESIGN)
+
+    again = Request.from_json(request.to_json())
+
+    assert again == request
+    assert rehearse(plan(protocol, again, DESIGN, rig()))[0].numbers == (1, 5, 9, 13, 17)
+
+
+@pytest.mark.parametrize(
+    ("name", "asked", "words"),
+    [
+        ("five-trial", Asked(()), "takes 1 --pattern, 0 given"),
+        ("five-trial", Asked(("sphere", "cylinder")), "takes 1 --pattern, 2 given"),
+        ("layering", Asked(("sphere",)), "takes 2 --pattern"),
+        ("layering", Asked(("sphere", "sphere")), "named twice"),
+        ("five-trial", Asked(("sphere",), pressures_psi=(3.0, 3.5)), "takes 1 --pressure"),
+        ("five-trial", Asked(("spher",)), "unknown pattern 'spher'"),
+        ("five-trial", Asked(("sphere",), watch_s=5.0), "leave --watch out"),
+        ("layering", Asked(("sphere", "cylinder"), placement="neat"), "leave --placement out"),
+        ("five-trial", Asked(("sphere",), pressures_psi=(4.2,)), "above the rig's limit of 4 psi"),
+        ("pressure-sweep", Asked(("sphere",), pressures_psi=(3.0, 0.1)), "no inflation"),
+    ],
+)
+def test_what_a_protocol_does_not_take_is_refused(name, asked, words):
+    with pytest.raises(BadInput, match=words):
+        planned(name, asked)
+
+
+def test_a_fiber_without_a_valve_is_refused():
+    design = load_design("known")
+    assert max(design.channels("sphere")) <= 8
+    with pytest.raises(BadInput, match="dump valve"):
+        planned("five-trial", Asked(("sphere",)), **{"channels = 32": "channels = 32\ndump_channel = 2"})
