@@ -1,0 +1,74 @@
+"""From a trial's recording to its numbers.
+
+Pure and deterministic: the same recording, windows and basis give the same numbers to the last bit, live, in
+`labctl verify` and years later. Whatever is wrong with a recording is said in `problems`; nothing is raised for it.
+"""
+
+from collections.abc import Sequence
+
+from labctl.measurement.basis import Basis
+from labctl.measurement.level import UninflatedSheet, measure_level
+from labctl.measurement.recording import Recording, lay_out
+from labctl.measurement.relaxation import measure_relaxation
+from labctl.measurement.result import LevelResult, RelaxationResult, TrialResult
+from labctl.measurement.windows import Window
+from labctl.mocap.errors import FrameRefused
+from labctl.mocap.frame import fit_sheet_frame
+from labctl.readings import MarkerFrames, PressureSamples
+
+
+def derive(
+    frames: MarkerFrames, pressures: PressureSamples, windows: Sequence[Window], basis: Basis
+) -> TrialResult:
+    """The heights above the uninflated sheet, pressures and transfer errors of a trial's windows.
+
+    Frames belong to a window by the laboratory's clock, onto which the fitted clock maps the marker server's.
+    Source: Parsa et al., RoboSoft 2023, section II.E.
+    """
+    recording = lay_out(frames, pressures, basis)
+    if isinstance(recording, str):
+        return TrialResult(None, None, (), None, (recording,))
+    sheet, problems = _uninflated(recording, [window for window in windows if window.kind == "baseline"])
+    levels: list[LevelResult] = []
+    relaxation: RelaxationResult | None = None
+    for window in windows:
+        found: tuple[str, ...] = ()
+        if window.kind == "level":
+            level, found = measure_level(recording, window, sheet)
+            levels.append(level)
+        elif window.kind == "relaxing" and relaxation is not None:
+            found = ("relaxing: more than one window is marked; the first one counts",)
+        elif window.kind == "relaxing" and sheet is not None:
+            relaxation, found = measure_relaxation(recording, window, sheet)
+        problems = (*problems, *found)
+    return TrialResult(
+        clock=recording.clock,
+        frame_residual_mm=None if sheet is None else sheet.frame.residual_rms_mm,
+        levels=tuple(levels),
+        relaxation=relaxation,
+        problems=problems,
+    )
+
+
+def _uninflated(
+    recording: Recording, baselines: Sequence[Window]
+) -> tuple[UninflatedSheet | None, tuple[str, ...]]:
+    """The uninflated sheet of the only baseline window, and what is wrong with it."""
+    if len(baselines) != 1:
+        return None, (
+            f"baseline: {len(baselines)} windows of the uninflated sheet are marked, and heights need exactly one",
+        )
+    (window,) = baselines
+    basis = recording.basis
+    markers = recording.window_between(window.start_s, window.end_s)
+    flow = recording.flow_problem(0 if markers is None else markers.frames, window.start_s, window.end_s)
+    problems = () if flow is None else (f"baseline: {flow}",)
+    if markers is None:
+        return None, problems
+    ids = [point.id for point in basis.points]
+    sheet_mm = [(point.x_mm, point.y_mm) for point in basis.points]
+    try:
+        frame = fit_sheet_frame(ids, sheet_mm, markers.mean_mm, basis.up)
+    except FrameRefused as refusal:
+        return None, (*problems, f"baseline: {refusal}")
+    return UninflatedSheet(frame, markers), problems

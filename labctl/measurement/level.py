@@ -1,0 +1,116 @@
+"""One pressure level: heights above the uninflated sheet, the pressure that was held, and e_t."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labctl.measurement.basis import Basis
+from labctl.measurement.marker_samples import samples_mm
+from labctl.measurement.recording import Recording
+from labctl.measurement.result import Heights, LevelResult
+from labctl.measurement.windows import Window
+from labctl.mocap.errors import TooFewPoints
+from labctl.mocap.frame import SheetFrame
+from labctl.mocap.heights import inflation_heights_mm
+from labctl.mocap.transfer import TransferError, transfer_error
+from labctl.mocap.window import MarkerWindow
+from labctl.readings import MarkerFrames
+
+# A device tells its readings in hundredths: one that stands on the edge is inside.
+_EDGE_PSI = 1e-6
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class UninflatedSheet:
+    """The sheet frame, and the markers' means on the uninflated sheet that it was fitted to."""
+
+    frame: SheetFrame
+    window: MarkerWindow
+
+
+def measure_level(
+    recording: Recording, window: Window, sheet: UninflatedSheet | None
+) -> tuple[LevelResult, tuple[str, ...]]:
+    """What a level's window holds, and what is wrong with it; no heights where there is no uninflated sheet."""
+    basis = recording.basis
+    pressure_psi = float(window.pressure_psi or 0.0)
+    gauge_psi = recording.gauge_psi_between(window.start_s, window.end_s)
+    frames = recording.frames_between(window.start_s, window.end_s)
+    markers = recording.window_between(window.start_s, window.end_s)
+    heights_mm, sd_mm = np.full((2, len(basis.points)), np.nan)
+    if sheet is not None and markers is not None:
+        heights_mm = inflation_heights_mm(sheet.window, markers, sheet.frame)
+        sd_mm = _height_sd_mm(frames, basis, sheet.frame)
+    problems = [
+        recording.flow_problem(len(frames), window.start_s, window.end_s),
+        _sight_problem(heights_mm, basis) if sheet is not None and markers is not None else None,
+        _hold_problem(gauge_psi, pressure_psi, window, basis.tolerance_psi),
+    ]
+    error: TransferError | None = None
+    simulated_mm = basis.simulated_mm.get(pressure_psi, ())
+    if len(simulated_mm) and np.isfinite(heights_mm).sum() >= basis.min_points:
+        try:
+            error = transfer_error(heights_mm, simulated_mm)
+        except TooFewPoints as refusal:
+            problems.append(str(refusal))
+    return LevelResult(
+        pressure_psi=pressure_psi,
+        mean_psi=float(gauge_psi.mean()) if len(gauge_psi) else None,
+        lowest_psi=float(gauge_psi.min()) if len(gauge_psi) else None,
+        highest_psi=float(gauge_psi.max()) if len(gauge_psi) else None,
+        frames=len(frames),
+        heights_mm=known(heights_mm),
+        height_sd_mm=known(np.where(np.isfinite(heights_mm), sd_mm, np.nan)),
+        seen=(0,) * len(basis.points) if markers is None else tuple(markers.seen.tolist()),
+        points_compared=0 if error is None else error.points,
+        per_point_percent=known(np.full(len(basis.points), np.nan) if error is None else error.per_point),
+        e_t_percent=None if error is None else error.percent,
+    ), tuple(f"{pressure_psi:g} psi: {problem}" for problem in problems if problem is not None)
+
+
+def known(values: Floats) -> Heights:
+    """Numbers (m,) as plain ones; None for NaN."""
+    return tuple(float(value) if np.isfinite(value) else None for value in values)
+
+
+def _height_sd_mm(frames: MarkerFrames, basis: Basis, frame: SheetFrame) -> Floats:
+    """Standard deviation over the frames of each marker's height, (m,); NaN where it was seen less than twice."""
+    placed_mm = samples_mm(frames, [point.id for point in basis.points])
+    # Term by term: a matrix product may round otherwise on another number of cores.
+    height_mm = sum(placed_mm[:, :, axis] * frame.rotation[2, axis] for axis in range(3))
+    is_seen = np.isfinite(height_mm)
+    seen = is_seen.sum(axis=0)
+    often = np.maximum(seen, 2)
+    kept_mm = np.where(is_seen, height_mm, 0.0)
+    off_mm = np.where(is_seen, height_mm - kept_mm.sum(axis=0) / np.maximum(seen, 1), 0.0)
+    sd_mm = np.sqrt((off_mm**2).sum(axis=0) / (often - 1))
+    return np.where(seen >= 2, sd_mm, np.nan)
+
+
+def _sight_problem(heights_mm: Floats, basis: Basis) -> str | None:
+    found = int(np.isfinite(heights_mm).sum())
+    if found >= basis.min_points:
+        return None
+    unseen = [
+        str(point.id) for point, height in zip(basis.points, heights_mm, strict=True) if np.isnan(height)
+    ]
+    return (
+        f"{found} of {len(heights_mm)} markers were seen in at least {basis.min_share:.0%} of the frames, here and "
+        f"on the uninflated sheet, and at least {basis.min_points} are needed (measurement.min_points); not seen: "
+        f"{', '.join(unseen)}. Clear the cameras' view of them, or lower the pressure"
+    )
+
+
+def _hold_problem(gauge_psi: Floats, pressure_psi: float, window: Window, tolerance_psi: float) -> str | None:
+    if not len(gauge_psi):
+        return f"no pressure was read in the window's {window.end_s - window.start_s:.3g} s; look at the regulator"
+    lowest_psi, highest_psi = float(gauge_psi.min()), float(gauge_psi.max())
+    if max(pressure_psi - lowest_psi, highest_psi - pressure_psi) <= tolerance_psi + _EDGE_PSI:
+        return None
+    return (
+        f"the pressure left {pressure_psi:g} +- {tolerance_psi:g} psi while the markers were captured "
+        f"({lowest_psi:.3f} to {highest_psi:.3f} psi); look for a leak or a low supply"
+    )

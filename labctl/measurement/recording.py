@@ -1,0 +1,71 @@
+"""A trial's recording on the laboratory's clock: what fell into a window, and whether that is enough."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labctl.measurement.basis import Basis
+from labctl.measurement.clock_fit import fit_clock, lab_time_s
+from labctl.measurement.marker_samples import average, between
+from labctl.measurement.result import ClockFit
+from labctl.mocap.window import MarkerWindow
+from labctl.readings import MarkerFrames, PressureSamples
+
+# A stream that brought less than this share of what was due had stalled.
+FEWEST_FRAMES = 0.5
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recording whose frames (k) have times on the laboratory's clock: `lab_s` float64 (k,), rising."""
+
+    frames: MarkerFrames
+    lab_s: Floats
+    pressures: PressureSamples
+    basis: Basis
+    clock: ClockFit
+
+    def frames_between(self, start_s: float, end_s: float) -> MarkerFrames:
+        """The frames from `start_s` to before `end_s` of the laboratory's clock."""
+        first, last = np.searchsorted(self.lab_s, [start_s, end_s])
+        return between(self.frames, int(first), int(last))
+
+    def window_between(self, start_s: float, end_s: float) -> MarkerWindow | None:
+        """The markers averaged from `start_s` to before `end_s`; None where no frame came."""
+        frames = self.frames_between(start_s, end_s)
+        if not len(frames):
+            return None
+        return average(frames, [point.id for point in self.basis.points], self.basis.min_share)
+
+    def gauge_psi_between(self, start_s: float, end_s: float) -> Floats:
+        """The finite pressure readings from `start_s` to `end_s`, (n,)."""
+        time_s, gauge_psi = self.pressures.time_s, self.pressures.gauge_psi
+        return gauge_psi[(time_s >= start_s) & (time_s <= end_s) & np.isfinite(gauge_psi)]
+
+    def flow_problem(self, frames: int, start_s: float, end_s: float) -> str | None:
+        """What to say where a stream brought too few frames; None where it brought enough."""
+        due = (end_s - start_s) * self.basis.frequency_hz
+        if frames and frames >= FEWEST_FRAMES * due:
+            return None
+        return (
+            f"{frames} of about {due:.0f} frames came in {end_s - start_s:.3g} s, and at least "
+            f"{FEWEST_FRAMES:.0%} are needed; check the marker server and the network"
+        )
+
+
+def lay_out(frames: MarkerFrames, pressures: PressureSamples, basis: Basis) -> Recording | str:
+    """The recording on the laboratory's clock, or why it cannot be laid on it."""
+    if not len(frames):
+        return "no marker frame was recorded; check that the marker server streams"
+    steps_s = np.diff(frames.time_s)
+    if (steps_s < 0).any():
+        at = int(np.argmin(steps_s))
+        return (
+            f"the marker server's clock went back by {-steps_s[at]:.3f} s after frame {at + 1} of {len(frames)}: "
+            "its frames have no place on the laboratory's clock; look whether the server was started anew"
+        )
+    clock = fit_clock(frames.time_s, frames.arrival_s, basis.frequency_hz)
+    return Recording(frames, lab_time_s(clock, frames.time_s), pressures, basis, clock)
