@@ -26,6 +26,7 @@ _TICK_S = 0.05
 _LOOK_S = 0.005
 _READING_MARGIN_S = 2.0
 _FEWEST_FRAMES = 0.5
+_FEWEST_READINGS = 5
 
 
 class Rig:
@@ -174,12 +175,14 @@ class Rig:
             self._expect(replace(self._expected, setpoint_psi=reading.setpoint_psi))
         return reading
 
-    def ramp_to(self, pressure_psi: float, watch: Callable[[PressureReading], None]) -> None:
-        """Raise the setpoint at the rig's ramp rate to `pressure_psi`; `watch` sees each reading."""
+    def ramp_to(
+        self, pressure_psi: float, watch: Callable[[PressureReading], None], from_psi: float = 0.0
+    ) -> None:
+        """Raise the setpoint from `from_psi` to `pressure_psi` at the rig's ramp rate; `watch` sees each reading."""
         start_s = self.clock.now_s()
         reached = False
         while not reached:
-            setpoint_psi = self.config.limits.ramp_psi_per_s * (self.clock.now_s() - start_s)
+            setpoint_psi = from_psi + self.config.limits.ramp_psi_per_s * (self.clock.now_s() - start_s)
             reached = setpoint_psi >= pressure_psi
             watch(self.write_setpoint(min(setpoint_psi, pressure_psi)))
             self.pressure()
@@ -215,6 +218,9 @@ class Rig:
     def capture(self, seconds: float) -> tuple[list[MarkerFrame], PressureTrace]:
         """Collect the marker frames and pressures of the next `seconds` of the rig's clock.
 
+        It lasts a little longer where fewer than five pressures were read by then (a simulated rig that runs fast):
+        one reading says nothing of whether a pressure held.
+
         Raises:
             InstrumentError: the marker stream stalled or ended.
         """
@@ -223,7 +229,7 @@ class Rig:
         times_s: list[float] = []
         pressures_psi: list[float] = []
         end_s = self.clock.now_s() + seconds
-        while not times_s or self.clock.now_s() < end_s:
+        while len(times_s) < _FEWEST_READINGS or self.clock.now_s() < end_s:
             pressures_psi.append(self.pressure().gauge_psi)
             times_s.append(self.clock.now_s())
         frames = feed.since(mark)
