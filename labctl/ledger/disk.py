@@ -1,0 +1,117 @@
+"""What makes a write last, and a disk's refusals in words."""
+
+import errno
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from labctl.errors import BadInput, LabError
+
+_FULL = {errno.ENOSPC, errno.EDQUOT}
+_FORBIDDEN = {errno.EROFS, errno.EACCES, errno.EPERM}
+# The file may be in order: it cannot be reached, or not now.
+_SQLITE_OUT_OF_REACH = {
+    sqlite3.SQLITE_PERM,
+    sqlite3.SQLITE_BUSY,
+    sqlite3.SQLITE_LOCKED,
+    sqlite3.SQLITE_NOMEM,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_FULL,
+    sqlite3.SQLITE_CANTOPEN,
+    sqlite3.SQLITE_AUTH,
+}
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder last: new files and renames are safe when this returns."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def sync_file(path: Path) -> None:
+    """Make a file's content last."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it; their names are on the disk when this returns."""
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    for made in reversed(missing):
+        sync_folder(made.parent)
+
+
+def is_damage(error: sqlite3.Error) -> bool:
+    """Whether SQLite's error means that the file's content is not what was written."""
+    code = getattr(error, "sqlite_errorcode", None)
+    return isinstance(error, sqlite3.DatabaseError) and (
+        code is None or code & 0xFF not in _SQLITE_OUT_OF_REACH
+    )
+
+
+@contextmanager
+def disk_errors(folder: Path, doing: str, kind: type[LabError] = LabError) -> Iterator[None]:
+    """Turn what the disk refuses into a message: what was being done (`doing`), why not, what to do.
+
+    Raises:
+        LabError: of the given kind, in place of OSError and sqlite3.Error.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"ledger {folder}: {doing} failed: {_why_os(error)}") from error
+    except sqlite3.Error as error:
+        raise kind(f"ledger {folder}: {doing} failed: {_why_sqlite(error)}") from error
+
+
+def _why_os(error: OSError) -> str:
+    named = f" ({error.filename})" if error.filename else ""
+    if error.errno in _FULL:
+        return _FULL_WORDS
+    if error.errno in _FORBIDDEN:
+        return f"{error.strerror}{named}: {_FORBIDDEN_WORDS}"
+    return f"{error.strerror or error}{named}. {_LEFT}"
+
+
+def _why_sqlite(error: sqlite3.Error) -> str:
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    if code == sqlite3.SQLITE_FULL:
+        return _FULL_WORDS
+    if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM):
+        return f"{error}: {_FORBIDDEN_WORDS}"
+    return f"{error}. {_LEFT}"
+
+
+_LEFT = "What was committed before is safe"
+_FULL_WORDS = f"the disk is full. {_LEFT}; free some space and go on in the same ledger"
+_FORBIDDEN_WORDS = (
+    "it is not to be written. Make the folder and its ledger.* files writable, or name another with --ledger"
+)
+
+
+def check_is_folder(folder: Path) -> None:
+    """Refuse a ledger's folder that is something else.
+
+    Raises:
+        BadInput: something that is not a folder is there, or is on the way there.
+    """
+    for each in (folder, *folder.parents):
+        try:
+            there = each.exists()
+        except OSError as error:
+            raise BadInput(f"ledger {folder}: {each}: {error.strerror or error}") from error
+        if there:
+            if not each.is_dir():
+                raise BadInput(
+                    f"ledger {folder}: {each} is a file, and a ledger is a folder; name another with --ledger"
+                )
+            return

@@ -1,0 +1,163 @@
+"""Appending to a ledger: each row is on the disk, in the journal and in SQLite, before the call returns."""
+
+import sqlite3
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Self
+
+from labctl.errors import BadInput, LabError
+from labctl.ledger.disk import check_is_folder, disk_errors, is_damage, make_folder
+from labctl.ledger.journal import JOURNAL, JournalWriter
+from labctl.ledger.ledger import Ledger, numbers_on_disk
+from labctl.ledger.lock import LedgerLock
+from labctl.ledger.moment import Now, now, set_back_s
+from labctl.ledger.mounts import refuse_network
+from labctl.ledger.record_text import Record
+from labctl.ledger.records import EventRecord, Moment, RunRecord, TrialRecord
+from labctl.ledger.recovery import recover
+from labctl.ledger.rows import Row, row_of
+from labctl.ledger.tables import SQLITE, connect, insert
+
+
+class LedgerWriter(Ledger):
+    """The one writer of a ledger, and a reader of what it has written; open it with `with`.
+
+    Calls may come from any thread.
+    """
+
+    def __init__(self, folder: Path, tell: Callable[[str], None], clock: Now) -> None:
+        """Take the lock and bring the files into agreement; `open` says what is raised."""
+        self._tell = tell
+        self._clock = clock
+        self._guard = threading.RLock()
+        # Why nothing more may be appended: what an append left behind is not known.
+        self._unsure: str | None = None
+        with ExitStack() as opened:
+            self._lock = opened.enter_context(LedgerLock(folder, clock))
+            rows = recover(folder, clock, tell)
+            self._journal = JournalWriter(folder / JOURNAL)
+            opened.callback(self._journal.close)
+            self._connection = connect(folder / SQLITE)
+            opened.callback(self._connection.close)
+            self._lock.begin_after(max((row.seq for row in rows), default=0))
+            super().__init__(folder, rows, self._lock.holder)
+            self._opened = opened.pop_all()
+
+    @classmethod
+    def open(cls, folder: Path, tell: Callable[[str], None], clock: Now = now) -> Self:
+        """Open the ledger in a folder to write to it, and make it where there is none. What is repaired is told.
+
+        Raises:
+            BadInput: another process writes to it; the folder cannot be written, is a file or is on a network file
+                system; the ledger is another program's or version's.
+            LabError: its files are of different ledgers.
+        """
+        check_is_folder(folder)
+        refuse_network(folder)
+        with disk_errors(folder, "opening it to write", BadInput):
+            make_folder(folder)
+            return cls(folder, tell, clock)
+
+    def close(self) -> None:
+        """Close the files and let another writer in; may be called twice."""
+        with self._guard:
+            self._unsure = "it was closed"
+            self._opened.close()
+
+    def begin_run(self, run: RunRecord) -> RunRecord:
+        """Commit a run that has no number yet (0), with the next number; its folder for raw recordings is made.
+
+        Raises:
+            LabError: it could not be committed, and is not there.
+        """
+        if run.number != 0:
+            raise LabError(
+                f"a run to begin has no number yet, this one has {run.number}: the ledger numbers it"
+            )
+        with self._guard:
+            taken = [row.run for row in self._rows if row.run is not None]
+            numbered = replace(run, number=1 + max([0, *taken, *numbers_on_disk(self.folder)]))
+            with disk_errors(self.folder, f"making the folder of run {numbered.number}"):
+                make_folder(self.raw_folder(numbered))
+            self._append(numbered, numbered.number)
+        return numbered
+
+    def add_trial(self, trial: TrialRecord) -> None:
+        """Commit an attempt at a trial.
+
+        Raises:
+            LabError: there is no such run, this attempt is there already, or it could not be
+                committed; it is not there.
+        """
+        with self._guard:
+            self.run(trial.run)
+            same = (trial.run, trial.number, trial.attempt)
+            if any((row.run, row.trial, row.attempt) == same for row in self._of("trial", trial.run)):
+                raise LabError(
+                    f"ledger {self.folder}: trial {trial.number}, attempt {trial.attempt}, of run {trial.run} is "
+                    "there already, and the ledger changes nothing; count the attempts on"
+                )
+            self._append(trial, trial.run)
+
+    def add_event(self, event: EventRecord) -> None:
+        """Commit an event.
+
+        Raises:
+            LabError: there is no such run, or it could not be committed; it is not there.
+        """
+        with self._guard:
+            if event.run is not None:
+                self.run(event.run)
+            self._append(event, event.run)
+
+    def _append(self, record: Record, run: int | None) -> None:
+        at = self._clock()
+        self._watch_clock(at, run)
+        self._commit(row_of(self._next_seq(), at, record))
+
+    def _watch_clock(self, at: Moment, run: int | None) -> None:
+        """Say where the wall clock was set back since the last row; the order stays."""
+        if not self._rows:
+            return
+        before = self._rows[-1].at
+        back_s = set_back_s(before, at)
+        if not back_s:
+            return
+        self._tell(
+            f"the clock of this machine was set back by {back_s:.0f} s: the last row was written at {before.wall}, "
+            f"it is {at.wall} now. Rows stay in the order written, durations are by the monotonic clock"
+        )
+        detail = {"before": before.wall, "after": at.wall, "by_s": back_s}
+        self._commit(row_of(self._next_seq(), at, EventRecord(run, "clock-set-back", at, detail)))
+
+    def _commit(self, row: Row) -> None:
+        if self._unsure is not None:
+            raise LabError(
+                f"ledger {self.folder}: {row.label()} was not written, since {self._unsure}; open the ledger again, "
+                "which brings its files into agreement"
+            )
+        # Stays so when something ends the append at a point that nobody foresaw.
+        self._unsure = "an earlier append was cut off"
+        with disk_errors(self.folder, f"writing {row.label()}"):
+            try:
+                size = self._journal.append([row])
+            except OSError as error:
+                self._unsure = None if self._journal.clean else f"an earlier append failed ({error})"
+                raise
+            try:
+                insert(self._connection, [row])
+            except sqlite3.Error as error:
+                self._unsure = f"an earlier append failed ({error})"
+                if not is_damage(error):
+                    self._journal.take_back(size)
+                    self._unsure = None
+                raise
+        self._rows.append(row)
+        self._unsure = None
+        self._lock.reached(row.seq)
+
+    def _next_seq(self) -> int:
+        return 1 + (self._rows[-1].seq if self._rows else 0)

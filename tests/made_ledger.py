@@ -1,0 +1,138 @@
+"""Records that are full of what could get lost on the way to a file and back, and ledgers of them."""
+
+import json
+import sqlite3
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from labctl.ledger.ledger import Ledger
+from labctl.ledger.records import EventRecord, Moment, RawFile, RunRecord, TrialRecord
+from labctl.ledger.writer import LedgerWriter
+
+BEGUN = Moment("2026-03-01T09:00:00.000001+01:00", 1234.000000001, "boot-a")
+ENDED = Moment("2026-03-01T09:01:00.250000+01:00", 1294.25, "boot-a")
+
+
+def a_run(**changes):
+    run = RunRecord(
+        number=0,
+        protocol="five-trial",
+        begun=BEGUN,
+        request={"patterns": ["sphere"], "pressures_psi": [3.9], "trials": 5, "repeats": 2},
+        design_name="known",
+        design_source="designs/known.toml",
+        design_text='# µ, "quotes", a line\nand another\u2028',
+        rig_name="bench",
+        rig={"limits": {"max_pressure_psi": 4.0}, "dump_channel": None},
+        simulated=True,
+        identities={"regulator": {"model": "PCD", "serial_number": None}},
+        simulated_heights=({"pattern": "sphere", "pressure_psi": 3.9, "heights_mm": [6.5, None, 0.1 + 0.2]},),
+        versions={"labctl": "0.1.0"},
+        commit=None,
+        operator="Ada",
+        note="typed in another code page: \udcfc",
+    )
+    return replace(run, **changes)
+
+
+def a_trial(run, number=1, attempt=1, **changes):
+    trial = TrialRecord(
+        run=run,
+        number=number,
+        attempt=attempt,
+        placement="neat",
+        pattern="sphere",
+        pressures_psi=(2.6, 3.9),
+        begun=BEGUN,
+        ended=ENDED,
+        outcome="good",
+        reason="",
+        windows=({"kind": "level", "start_s": 1 / 3, "end_s": 5e-324, "pressure_psi": 3.9},),
+        raw={"frames": RawFile("raw/0001-five-trial/trial-01-1.frames.parquet", "ab" * 32, 10**12)},
+        result={"levels": [{"e_t_percent": 17.1, "heights_mm": [1.7976931348623157e308, None, -0.0]}]},
+        safe={"safe": True, "words": "SAFE"},
+    )
+    return replace(trial, **changes)
+
+
+def an_event(run, kind="paused", **detail):
+    return EventRecord(run, kind, ENDED, detail)
+
+
+@dataclass
+class Told:
+    """What a ledger has said."""
+
+    words: list = field(default_factory=list)
+
+    def __call__(self, text):
+        self.words.append(text)
+
+    @property
+    def text(self):
+        return "\n".join(self.words)
+
+
+@dataclass
+class Kept:
+    """A ledger's folder, and what was committed to it."""
+
+    folder: Path
+    run: RunRecord
+    trials: tuple
+
+    @property
+    def sqlite(self):
+        return self.folder / "ledger.sqlite"
+
+    @property
+    def journal(self):
+        return self.folder / "ledger.journal"
+
+    def check_all_there(self, tell):
+        """Open it to write, and find everything."""
+        with LedgerWriter.open(self.folder, tell) as ledger:
+            self.check(ledger)
+        with Ledger.open(self.folder, not_a_word) as ledger:
+            self.check(ledger)
+        check_files_agree(self.folder)
+
+    def check(self, ledger):
+        assert ledger.runs() == (self.run,)
+        assert ledger.trials(self.run.number) == self.trials
+
+
+def make_ledger(folder, trials=6):
+    """A ledger of a run with some trials and an event after each, its writer gone."""
+    with LedgerWriter.open(folder, not_a_word) as writer:
+        run = writer.begin_run(a_run())
+        for number in range(1, trials + 1):
+            writer.add_trial(a_trial(run.number, number))
+            writer.add_event(an_event(run.number, "paused", after=number))
+        return Kept(folder, run, writer.trials(run.number))
+
+
+def not_a_word(text):
+    raise AssertionError(f"said: {text}")
+
+
+def check_files_agree(folder):
+    """The rows of the journal are those of SQLite, number by number and checksum by checksum."""
+    lines = [json.loads(line) for line in (folder / "ledger.journal").read_bytes().splitlines()[1:]]
+    with closing(sqlite3.connect(folder / "ledger.sqlite")) as connection:
+        query = " UNION ALL ".join(
+            f"SELECT seq, checksum FROM {table}"  # noqa: S608 - names of ours
+            for table in ("runs", "trials", "events")
+        )
+        stored = sorted(connection.execute(query))
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    assert stored == [(line["seq"], line["sha256"]) for line in lines]
+
+
+@contextmanager
+def changed_bytes(path):
+    """The bytes of a file, to be changed in place."""
+    data = bytearray(path.read_bytes())
+    yield data
+    path.write_bytes(data)
