@@ -14,8 +14,8 @@ from labctl.cli.rigs import chosen_rig, design_option, json_option, rig_option
 from labctl.errors import BadInput
 
 if TYPE_CHECKING:
-    from labctl.ledger.ledger import LedgerWriter
     from labctl.ledger.records import RunRecord
+    from labctl.ledger.writer import LedgerWriter
     from labctl.rig import Rig
     from labctl.session.preparation import Prepared
     from labctl.session.request import Asked
@@ -80,7 +80,7 @@ def run(
     ledger: Path,
     as_json: bool,
 ) -> None:
-    """Run a protocol: five-trial, pressure-sweep, relaxation, layering, calibration, or one of your own.
+    """Run a protocol: five-trial, pressure-sweep, relaxation, layering, calibration, or your own.
 
     Each trial is in the ledger before it is told. Ctrl-C at any moment ends in SAFE; --continue RUN goes on at the next
     trial. Exit code 0 means that every trial is good and SAFE was read back.
@@ -219,7 +219,7 @@ def _asked(
 def _opened(ledger: Path, as_json: bool) -> Iterator[tuple["LedgerWriter", "StopRequest", ProgressLine]]:
     """The ledger with its lock held, the operator's stop and the progress line: before any instrument is asked."""
     from labctl.cli.interrupts import stop_on_signals
-    from labctl.ledger.ledger import LedgerWriter
+    from labctl.ledger.writer import LedgerWriter
 
     with ExitStack() as opened:
         stop = opened.enter_context(stop_on_signals())

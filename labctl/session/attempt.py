@@ -9,10 +9,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from labctl.errors import LabError, Stopped
-from labctl.ledger.ledger import LedgerWriter
 from labctl.ledger.moment import now
 from labctl.ledger.raw import RawRecorder, read_frames, read_pressures
 from labctl.ledger.records import Outcome, RawFile, RunRecord, TrialRecord
+from labctl.ledger.writer import LedgerWriter
 from labctl.measurement.codec import basis_of, to_json
 from labctl.measurement.derive import derive
 from labctl.measurement.result import TrialResult

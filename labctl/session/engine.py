@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 from labctl.clock import WallClock
 from labctl.errors import LabError, Stopped, Tripped, Unsafe
-from labctl.ledger.ledger import LedgerWriter
 from labctl.ledger.records import RunRecord, TrialRecord
+from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session.attempt import Attempt, Workplace, attempt
 from labctl.session.contract import Trial
-from labctl.session.events import write_event
+from labctl.session.events import begun_attempts, write_event
 from labctl.session.inbox import Inbox
 from labctl.session.run_stop import RunStop
 from labctl.statistics.summary import RunSummary, summarise, summary_to_json
@@ -66,7 +66,7 @@ def conduct(
             inbox = Inbox(ledger.folder, WallClock())
             stop.listen_to(inbox)
             at = Workplace(rig, run, ledger, stop, listener.show)
-            _run_trials(trials, ledger.trials(run.number), attempts, at, inbox, listener)
+            _run_trials(trials, attempts, at, inbox, listener)
     except BaseException as error:
         if run is not None:
             kind = "failed" if isinstance(error, RunFailed) else "interrupted"
@@ -86,17 +86,13 @@ def _note_the_end(ledger: LedgerWriter, run: RunRecord, kind: str, reason: str, 
 
 
 def _run_trials(
-    trials: Sequence[Trial],
-    before: Sequence[TrialRecord],
-    attempts: int,
-    at: Workplace,
-    inbox: Inbox,
-    listener: Listener,
+    trials: Sequence[Trial], attempts: int, at: Workplace, inbox: Inbox, listener: Listener
 ) -> None:
     report = at.rig.make_safe()
     if not report.safe:
         raise Unsafe(f"{at.rig.config.name}: {report.describe()}")
-    done = {record.number for record in before if record.outcome == "good"}
+    records = at.ledger.trials(at.run.number)
+    done = {record.number for record in records if record.outcome == "good"}
     mounted = ""
     for trial in trials:
         if trial.number in done:
@@ -105,8 +101,14 @@ def _run_trials(
         if trial.sheet and trial.sheet != mounted:
             listener.mount(trial.sheet, at.rig)
             mounted = trial.sheet
-        tried = max((record.attempt for record in before if record.number == trial.number), default=0)
-        _until_good(trial, tried, attempts, at, inbox, listener)
+        _until_good(
+            trial, last_attempt(at.ledger, at.run.number, trial.number), attempts, at, inbox, listener
+        )
+
+
+def last_attempt(ledger: LedgerWriter, run: int, trial: int) -> int:
+    """The number of the last attempt that was begun at a trial, whatever became of it; 0 where there was none."""
+    return max((attempt for number, attempt in begun_attempts(ledger, run) if number == trial), default=0)
 
 
 def _until_good(

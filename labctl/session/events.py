@@ -2,9 +2,10 @@
 
 from typing import Any
 
-from labctl.ledger.ledger import LedgerWriter
+from labctl.ledger.ledger import Ledger
 from labctl.ledger.moment import now
 from labctl.ledger.records import EventRecord
+from labctl.ledger.writer import LedgerWriter
 
 
 def write_event(ledger: LedgerWriter, run: int, kind: str, detail: dict[str, Any]) -> None:
@@ -14,3 +15,18 @@ def write_event(ledger: LedgerWriter, run: int, kind: str, detail: dict[str, Any
         LabError: it could not be committed.
     """
     ledger.add_event(EventRecord(run, kind, now(), detail))
+
+
+def begun_attempts(ledger: Ledger, run: int) -> tuple[tuple[int, int], ...]:
+    """The trial's number and the attempt's of every attempt that was begun."""
+    return tuple(
+        (int(event.detail["number"]), int(event.detail["attempt"]))
+        for event in ledger.events(run)
+        if event.kind == "trial-begun"
+    )
+
+
+def unrecorded_attempts(ledger: Ledger, run: int) -> tuple[tuple[int, int], ...]:
+    """Attempts that were begun and have no record: the program or the computer died within them."""
+    recorded = {(trial.number, trial.attempt) for trial in ledger.trials(run)}
+    return tuple(attempt for attempt in begun_attempts(ledger, run) if attempt not in recorded)

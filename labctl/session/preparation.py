@@ -10,13 +10,14 @@ from labctl.config.design import Design
 from labctl.config.load import design_from_text, design_text, load_design
 from labctl.config.rig import RigConfig
 from labctl.errors import BadInput
-from labctl.ledger.ledger import Ledger, LedgerWriter
+from labctl.ledger.ledger import Ledger
 from labctl.ledger.moment import now
 from labctl.ledger.records import RunRecord
+from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session.catalogue import find_protocol
 from labctl.session.contract import Protocol, Request, Trial
-from labctl.session.events import write_event
+from labctl.session.events import unrecorded_attempts, write_event
 from labctl.session.provenance import commit, versions
 from labctl.session.request import Asked, complete
 from labctl.simulation import simulate_pattern
@@ -128,13 +129,17 @@ def begin(
 
 
 def go_on(ledger: LedgerWriter, run: RunRecord, rig: Rig, operator: str, note: str) -> RunRecord:
-    """Say in the ledger that a run goes on, by whom, and with which instruments and programs."""
+    """Say in the ledger that a run goes on: by whom, with what, and which attempts were left without a record."""
     detail = {
         "operator": operator,
         "note": note,
         "identities": asdict(rig.identities),
         "versions": versions(),
         "commit": commit(),
+        "without_record": [
+            {"number": number, "attempt": attempt}
+            for number, attempt in unrecorded_attempts(ledger, run.number)
+        ],
     }
     write_event(ledger, run.number, "continued", detail)
     return run

@@ -1,5 +1,4 @@
 import pytest
-
 from made_ledger import Told, make_ledger
 
 

@@ -3,13 +3,12 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from made_ledger import ENDED, a_run, a_trial, an_event, not_a_word
 
 from labctl.errors import BadInput, LabError
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.records import EventRecord
 from labctl.ledger.writer import LedgerWriter
-
-from made_ledger import ENDED, a_run, a_trial, an_event, not_a_word
 
 
 def test_what_was_written_comes_back_to_the_last_bit(tmp_path):
