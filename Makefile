@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 COMPUTING := tests/sim tests/evolve tests/evolution tests/report
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test check format bench-sim bench-evolve clean
+.PHONY: inflate test check format bench-sim bench-evolve bench-protocols bench-kill clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -28,6 +28,12 @@ bench-evolve: $(INSTALLED)  ## the search against others, its operators and its 
 	$(BIN)/python bench/evolve_baselines.py --out runs/bench/baselines.json --plot runs/bench/baselines.png
 	$(BIN)/python bench/evolve_operators.py --out runs/bench/operators.json
 	$(BIN)/python bench/evolve_speed.py
+
+bench-protocols: $(INSTALLED)  ## all five protocols on doubles at 20 times their time: under 5 minutes
+	$(BIN)/python bench/all_protocols.py
+
+bench-kill: $(INSTALLED)  ## kill -9 at 200 random moments of a run: about half an hour
+	$(BIN)/python bench/kill_run.py
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

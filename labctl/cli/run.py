@@ -82,8 +82,8 @@ def run(
 ) -> None:
     """Run a protocol: five-trial, pressure-sweep, relaxation, layering, calibration, or your own.
 
-    Each trial is in the ledger before it is told. Ctrl-C at any moment ends in SAFE; --continue RUN goes on at the next
-    trial. Exit code 0 means that every trial is good and SAFE was read back.
+    Each trial is in the ledger before it is told. Ctrl-C at any moment ends in SAFE; --continue RUN goes on at
+    the next trial. Exit code 0 means that every trial is good and SAFE was read back.
     """
     from labctl.session.preparation import prepare
 
