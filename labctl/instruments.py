@@ -7,7 +7,7 @@ Every call ends by its `timeout_s` (the driver's own default when None) with a v
 from collections.abc import Collection
 from typing import Protocol
 
-from labctl.readings import Identity, MarkerFrame, PressureReading
+from labctl.readings import Identity, MarkerFrames, PressureReading
 
 
 class PressureRegulator(Protocol):
@@ -77,8 +77,8 @@ class MarkerSource(Protocol):
         """Ask for the stream; may be called twice."""
         ...
 
-    def next_frame(self, timeout_s: float | None = None) -> MarkerFrame:
-        """The next frame in the order sent."""
+    def next_frames(self, timeout_s: float | None = None) -> MarkerFrames:
+        """The frames that are at hand, at least one, in the order sent."""
         ...
 
     def stop(self, timeout_s: float | None = None) -> None:

@@ -50,21 +50,6 @@ class PressureReading:
         return "HLD" in self.status
 
 
-@dataclass(frozen=True)
-class MarkerFrame:
-    """One frame of a marker stream, in the instrument's own frame of reference.
-
-    Arrays are over the markers that the frame carried: `ids` int64 (n,), `positions_mm` float64 (n, 3),
-    `cond` float64 (n,); `cond <= 0` means that the marker was not seen and its position means nothing.
-    `time_s` is the instrument's time.
-    """
-
-    time_s: float
-    ids: NDArray[np.int64]
-    positions_mm: NDArray[np.float64]
-    cond: NDArray[np.float64]
-
-
 @dataclass(frozen=True, eq=False)
 class MarkerFrames:
     """Consecutive frames of a marker stream, in the order sent, in the instrument's own frame of reference.

@@ -137,7 +137,7 @@ def _markers(config: "RigConfig", wall: "Clock") -> list[Finding]:
     from labctl.mocap.feed import MarkerFeed
     from labctl.mocap.window import average
 
-    source = open_markers(config.markers, wall)
+    source = open_markers(config.markers, wall, wall)
     feed = MarkerFeed(source, wall)
     try:
         who = _who(source.identify())

@@ -61,8 +61,10 @@ def open_valves(config: ValvesConfig, clock: Clock) -> ValveBank:
     )
 
 
-def open_markers(config: MarkersConfig, clock: Clock) -> MarkerSource:
+def open_markers(config: MarkersConfig, clock: Clock, arrival_clock: Clock) -> MarkerSource:
     """Connect to the marker server; no stream is asked for yet.
+
+    `clock` is the wall's, `arrival_clock` the laboratory's, which stamps the frames' arrival.
 
     Raises:
         LinkDown: nothing listens there.
@@ -76,6 +78,7 @@ def open_markers(config: MarkersConfig, clock: Clock) -> MarkerSource:
     )
     return PhaseSpace(
         stream,
+        clock=arrival_clock,
         frequency_hz=config.frequency_hz,
         length_unit_mm=config.length_unit_mm,
         name=config.name,

@@ -3,17 +3,23 @@
 import struct
 from contextlib import suppress
 
+import numpy as np
+
+from labctl.clock import Clock
 from labctl.drivers import phasespace_wire as wire
+from labctl.drivers.phasespace_frames import RawFrames
 from labctl.drivers.phasespace_session import PhaseSpaceSession
 from labctl.errors import BadInput, InstrumentError, InstrumentRefused, NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.links.interfaces import ByteStream
-from labctl.readings import Identity, MarkerFrame
+from labctl.readings import Identity, MarkerFrames
 
 CLIENT_TEXT = b"protocol=2 libowl=5.2.459"
 EVENTS_TEXT = "event.raw=1 event.markers=1 event.rigids=1 event.info=1"
 MAX_FREQUENCY_HZ = 960.0
 FAREWELL_S = 0.2
+# Reading ten frames at once costs little more than reading one.
+READ_EVERY_S = 0.01
 
 
 class PhaseSpace:
@@ -23,7 +29,8 @@ class PhaseSpace:
     frame, so a late reader gets old ones.
 
     Args:
-        stream: a connection to the server's port, fresh.
+        stream: a connection to the server's port, fresh; deadlines are on its clock.
+        clock: the laboratory's, which the frames' arrival is told by.
         frequency_hz: asked for, and checked against what the server answers.
         length_unit_mm: one of the server's length units, in mm.
         name: for messages.
@@ -37,6 +44,7 @@ class PhaseSpace:
         self,
         stream: ByteStream,
         *,
+        clock: Clock,
         frequency_hz: float,
         length_unit_mm: float,
         name: str,
@@ -54,7 +62,8 @@ class PhaseSpace:
         self.timeout_s = timeout_s
         self._length_unit_mm = length_unit_mm
         self._stream = stream
-        self._session = PhaseSpaceSession(stream, name)
+        self._clock = clock
+        self._session = PhaseSpaceSession(stream, name, clock)
         self._asked_to_initialize = False
         self._started = False
 
@@ -85,8 +94,11 @@ class PhaseSpace:
             self._stream_over_tcp(1, deadline)
         self._started = True
 
-    def next_frame(self, timeout_s: float | None = None) -> MarkerFrame:
-        """The next frame in the order sent; markers that were not seen are in it, with their `cond`.
+    def next_frames(self, timeout_s: float | None = None) -> MarkerFrames:
+        """The frames that are at hand, at least one, in the order sent, with the markers that were not seen.
+
+        What came with a frame that contradicts itself is told in its place: the frames before it by this call,
+        the error by the next.
 
         Raises:
             NoAnswer: no whole frame before the deadline, or the stream was not started.
@@ -97,20 +109,18 @@ class PhaseSpace:
         deadline = self._deadline(timeout_s)
         if not self._started:
             raise NoAnswer(f"{self.name}: no stream was asked for; start it first")
-        while not self._session.frames:
-            if self._session.integer("streaming") == 0:
+        session = self._session
+        if session.drained:
+            self._clock.sleep(min(READ_EVERY_S, deadline.remaining_s()))
+        while not session.frames:
+            if session.integer("streaming") == 0:
                 raise InstrumentRefused(
                     f"{self.name}: the server has ended the stream; if another client is its master, "
                     "start there"
                 )
-            self._session.pump(deadline)
-        frame = self._session.frames.popleft()
-        return MarkerFrame(
-            time_s=frame.time * self._seconds_per_count(),
-            ids=frame.markers.ids,
-            positions_mm=frame.markers.positions * self._length_unit_mm,
-            cond=frame.markers.cond,
-        )
+            session.gather(deadline)
+        runs, session.frames = session.frames, []
+        return self._in_mm_and_s(runs, session.arrived_s)
 
     def stop(self, timeout_s: float | None = None) -> None:
         """End the stream and drop the frames not fetched yet; may be called twice, and without a start.
@@ -180,6 +190,20 @@ class PhaseSpace:
                 f"{self.name}: streaming {on} was asked for and the server answers {echo}; see whether "
                 "another client is its master"
             ) from error
+
+    def _in_mm_and_s(self, runs: list[RawFrames], arrival_s: float) -> MarkerFrames:
+        times = np.concatenate([run.time for run in runs])
+        positions = np.concatenate([run.positions for run in runs])
+        if self._length_unit_mm != 1.0:
+            positions = (positions.astype(np.float64) * self._length_unit_mm).astype(np.float32)
+        return MarkerFrames(
+            time_s=times * self._seconds_per_count(),
+            arrival_s=np.full(len(times), arrival_s),
+            starts=np.concatenate([[0], np.cumsum(np.concatenate([run.counts for run in runs]))]),
+            ids=np.concatenate([run.ids for run in runs]),
+            positions_mm=positions,
+            cond=np.concatenate([run.cond for run in runs]),
+        )
 
     def _seconds_per_count(self) -> float:
         # Without a timebase the server counts frames.

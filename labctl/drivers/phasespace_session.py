@@ -1,9 +1,9 @@
-"""The conversation with a PhaseSpace server: greeting, tables, properties and frames, packet by packet."""
+"""The conversation with a PhaseSpace server: greeting, tables, properties and frames."""
 
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
+from labctl.clock import Clock
+from labctl.drivers import phasespace_frames as bulk
 from labctl.drivers import phasespace_wire as wire
 from labctl.errors import GarbledReply, InstrumentRefused, LinkDown
 from labctl.links.deadline import Deadline
@@ -12,28 +12,28 @@ from labctl.links.interfaces import ByteStream
 # Properties that packets of numbers may set; every other comes as text.
 _NUMBER_PROPERTIES = frozenset({"streaming", "timebase", "frequency", "scale", "pose", "systempose"})
 _TEXT_EVENTS = frozenset({"initialize", "done", "options", "streaming", "frequency", "timebase"})
-
-
-@dataclass(frozen=True)
-class RawFrame:
-    """A closed frame in the server's own counts and lengths."""
-
-    time: int
-    markers: wire.Markers
+# What is looked at in one go: a tenth of a second of 72 markers at 960 Hz.
+_MOST_BYTES = 1 << 18
 
 
 class PhaseSpaceSession:
-    """What the server has said so far; `pump` takes in one packet more.
+    """What the server has said so far; `pump` takes in one packet more, `gather` all frames that are at hand.
+
+    `frames` are runs of closed frames in the order sent, for whoever fetches them to take away; the newest of them
+    arrived at `arrived_s` of `clock`. `drained` tells that the last `gather` left less than such a frame behind.
 
     Everything is kept over a time-out, a half-read packet included. After a packet that cannot be one the
     place of the next is unknown: the session is then closed for good.
     """
 
-    def __init__(self, stream: ByteStream, name: str) -> None:
+    def __init__(self, stream: ByteStream, name: str, clock: Clock) -> None:
         self.name = name
         self.names: dict[str, int] = {}
         self.properties: dict[str, str] = {}
-        self.frames: deque[RawFrame] = deque()
+        self.frames: list[bulk.RawFrames] = []
+        self.arrived_s = clock.now_s()
+        self.drained = False
+        self._clock = clock
         self._stream = stream
         self._header: wire.Header | None = None
         self._open_frames: dict[int, tuple[int, bytes]] = {}
@@ -71,6 +71,29 @@ class PhaseSpaceSession:
             self._take(header, payload)
         except GarbledReply as error:
             raise GarbledReply(f"{self.name}: {error}") from error
+
+    def gather(self, deadline: Deadline) -> None:
+        """Take in the frames that are at hand; where none begins here, one packet. Raises like `pump_until`.
+
+        Only frames that are sound and follow each other are read in bulk: whatever else there is between them goes
+        through `pump`, which knows what to say about it.
+        """
+        taken = 0
+        # After half a frame or half a packet the next bytes are no frame's beginning.
+        if self._lost is None and self._header is None and not self._open_frames:
+            data = self._stream.peek(wire.HEADER_BYTES, _MOST_BYTES, deadline)
+            self.arrived_s = self._clock.now_s()
+            while (layout := bulk.frame_layout(data, taken)) is not None:
+                run = bulk.read_run(data, taken, layout)
+                if not len(run):
+                    break
+                self.frames.append(run)
+                taken += len(run) * layout.size
+                self.drained = len(data) - taken < layout.size
+            self._stream.skip(taken)
+        if not taken:
+            self.drained = False
+            self.pump(deadline)
 
     def send(self, name: str, packet_type: int, payload: bytes, deadline: Deadline) -> None:
         """Send a packet under one of the server's names.
@@ -147,9 +170,10 @@ class PhaseSpaceSession:
                 self.properties.pop(key, None)
 
     def _close_frame(self, header: wire.Header) -> None:
+        self.arrived_s = self._clock.now_s()
         time, payload = self._open_frames.pop(header.id, (header.time, b""))
         if time != header.time:
             raise GarbledReply(
                 f"markers of time {time} in a frame of time {header.time}; the frame is left out"
             )
-        self.frames.append(RawFrame(header.time, wire.parse_markers(payload)))
+        self.frames.append(bulk.read_frame(time, payload))

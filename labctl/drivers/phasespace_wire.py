@@ -7,9 +7,6 @@ payload. The first eight bytes sum to 0 modulo 256.
 import struct
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from labctl.errors import GarbledReply
 
 HEADER = struct.Struct("<HBBIq")
@@ -20,19 +17,6 @@ BYTE, INT, FLOAT = 1, 2, 3
 ERROR, FRAME, MARKER = 0x7F, 0x80, 0x84
 INTERNAL_TEXT = 0
 FIRST_FRAME_ID = 256
-INACTIVE_MARKER = 0xFFFFFFFF
-
-_MARKER_RECORD = np.dtype(
-    [
-        ("id", "<u4"),
-        ("flags", "<u4"),
-        ("time", "<i8"),
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),
-        ("cond", "<f4"),
-    ]
-)
 
 
 @dataclass(frozen=True)
@@ -43,15 +27,6 @@ class Header:
     type: int
     size: int
     time: int
-
-
-@dataclass(frozen=True)
-class Markers:
-    """Marker records: `ids` int64 (n,), `positions` float64 (n, 3) in the server's unit, `cond` float64."""
-
-    ids: NDArray[np.int64]
-    positions: NDArray[np.float64]
-    cond: NDArray[np.float64]
 
 
 def packet(packet_id: int, packet_type: int, payload: bytes = b"") -> bytes:
@@ -93,29 +68,6 @@ def parse_pairs(text: str) -> dict[str, str]:
 def parse_table(text: str) -> dict[str, int]:
     """Numbers by name from `n=name[,flags[,mode]] ...`."""
     return {value.split(",", 1)[0]: int(key) for key, value in parse_pairs(text).items() if key.isdecimal()}
-
-
-def parse_markers(payload: bytes) -> Markers:
-    """Marker records back to back; slots that no marker uses (id -1) are left out.
-
-    Raises:
-        GarbledReply: a partial record, an id twice, or a marker that is seen at no finite place.
-    """
-    if len(payload) % _MARKER_RECORD.itemsize:
-        raise GarbledReply(
-            f"{len(payload)} bytes of markers are no whole number of {_MARKER_RECORD.itemsize}-byte records"
-        )
-    records = np.frombuffer(payload, dtype=_MARKER_RECORD)
-    records = records[records["id"] != INACTIVE_MARKER]
-    ids = records["id"].astype(np.int64)
-    positions = np.stack([records[axis] for axis in "xyz"], axis=1).astype(np.float64)
-    cond = records["cond"].astype(np.float64)
-    if np.unique(ids).size != ids.size:
-        raise GarbledReply(f"a frame carries a marker twice: ids {sorted(ids.tolist())}")
-    seen = ~(cond <= 0)
-    if not np.isfinite(positions[seen]).all() or not np.isfinite(cond).all():
-        raise GarbledReply("a marker that is seen has a position or a cond that is not finite")
-    return Markers(ids, positions, cond)
 
 
 def parse_numbers(packet_type: int, payload: bytes) -> str:

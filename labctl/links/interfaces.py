@@ -123,6 +123,14 @@ class ByteStream(Protocol):
         """The next `n` bytes; those of an unfinished read are kept for the next call."""
         ...
 
+    def peek(self, n: int, most: int, deadline: Deadline) -> bytes:
+        """What is at hand, at least `n` and at most `most` bytes; all of it is there for the next read."""
+        ...
+
+    def skip(self, n: int) -> None:
+        """Pass over `n` bytes that were seen by `peek`."""
+        ...
+
     def close(self) -> None:
         """Close the stream; may be called twice."""
         ...

@@ -63,6 +63,35 @@ class TcpStream:
             NoAnswer: fewer than `n` bytes came before the deadline.
             LinkDown: the peer closed or the network broke.
         """
+        self._hold(n, deadline)
+        wanted = bytes(self._held[:n])
+        self.skip(n)
+        return wanted
+
+    def peek(self, n: int, most: int, deadline: Deadline) -> bytes:
+        """What is at hand, at least `n` and at most `most` bytes; all of it is there for the next read.
+
+        Raises:
+            NoAnswer: fewer than `n` bytes came before the deadline.
+            LinkDown: the peer closed or the network broke, and fewer than `n` bytes are left of what came.
+        """
+        try:
+            while len(self._held) < most and (data := self._socket.recv(CHUNK_BYTES)):
+                self._held += data
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            if len(self._held) < n:
+                raise self._broken(error) from error
+        self._hold(n, deadline)
+        return bytes(self._held[:most])
+
+    def skip(self, n: int) -> None:
+        """Pass over `n` bytes that were seen by `peek`."""
+        del self._held[:n]
+
+    def _hold(self, n: int, deadline: Deadline) -> None:
+        """Wait until `n` bytes are held."""
         while len(self._held) < n:
             try:
                 ready, _, _ = select.select([self._socket], [], [], deadline.remaining_s())
@@ -79,9 +108,6 @@ class TcpStream:
             if not data:
                 raise LinkDown(f"{self.name}: the server closed the connection; open the rig again")
             self._held += data
-        wanted = bytes(self._held[:n])
-        del self._held[:n]
-        return wanted
 
     def abort(self) -> None:
         """Close and throw away what has not been sent: a request that was given up must not arrive later."""
@@ -94,8 +120,9 @@ class TcpStream:
         self._socket.close()
 
     def _broken(self, error: Exception) -> LinkDown:
-        # A closed socket has no file descriptor, which select reports as a ValueError.
-        why = "it is closed" if isinstance(error, ValueError) else str(error)
+        # A closed socket has no file descriptor, which select reports as a ValueError and recv as an OSError.
+        is_closed = isinstance(error, ValueError) or self._socket.fileno() < 0
+        why = "it is closed" if is_closed else str(error)
         return LinkDown(
             f"{self.name}: the connection broke ({why}); check the network, then open the rig again"
         )

@@ -3,13 +3,15 @@
 import math
 import threading
 from collections import deque
-from itertools import islice
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from labctl.clock import Clock
 from labctl.errors import GarbledReply, InstrumentError, LinkDown, NoAnswer
 from labctl.instruments import MarkerSource
 from labctl.mocap.errors import NoFrames
-from labctl.readings import MarkerFrame
+from labctl.mocap.frames import concatenate, cut
+from labctl.readings import MarkerFrames
 
 # 68 s at 960 Hz.
 CAPACITY = 1 << 16
@@ -21,12 +23,13 @@ _PAUSE_S = 0.005
 class MarkerFeed:
     """A thread that reads the frames of a source, whose stream is started and stopped by who opened it.
 
-    The newest `capacity` frames are kept. A read that times out is counted in `silences`, a frame that was
-    garbled in `garbled`; neither is the end. Any other error is, and stands in `failure`.
+    The newest `capacity` frames are kept, and the rest of the batch that the oldest of them came in. A read that
+    times out is counted in `silences`, a frame that was garbled in `garbled`; neither is the end. Any other error
+    is, and stands in `failure`.
 
     Args:
         source: the stream; while the feed runs nobody else may read it.
-        clock: times the frames' arrival.
+        clock: times how long ago frames came.
         capacity: how many frames are kept.
     """
 
@@ -35,9 +38,13 @@ class MarkerFeed:
         self.garbled = 0
         self._source = source
         self._clock = clock
+        self._capacity = capacity
         self._lock = threading.Lock()
-        self._kept: deque[tuple[float, MarkerFrame]] = deque(maxlen=capacity)
+        self._kept: deque[MarkerFrames] = deque()
+        self._kept_frames = 0
         self._arrived = 0
+        self._newest_s = -math.inf
+        self._takers: list[Callable[[MarkerFrames], None]] = []
         self._failure: Exception | None = None
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
@@ -66,20 +73,47 @@ class MarkerFeed:
         with self._lock:
             return self._arrived
 
-    def since(self, mark: int) -> list[MarkerFrame]:
+    def since(self, mark: int) -> MarkerFrames:
         """The frames that arrived after `mark`, in order; none is left out.
 
         Raises:
             InstrumentError: the stream has ended (LinkDown where the link did).
             NoFrames: frames since then were dropped, since more came than are kept.
         """
-        return [frame for _, frame in self._arrivals_since(mark)]
+        with self._lock:
+            self._require_alive()
+            wanted = self._arrived - mark
+            if wanted > self._kept_frames:
+                raise NoFrames(
+                    f"{self._source.name}: {wanted} frames came and only the last {self._kept_frames} are kept; "
+                    "capture for a shorter time"
+                )
+            newest_first, found = [], 0
+            for batch in reversed(self._kept):
+                if found >= wanted:
+                    break
+                newest_first.append(batch)
+                found += len(batch)
+        return cut(concatenate(newest_first[::-1]), found - wanted, found)
+
+    @contextmanager
+    def handing_to(self, take: Callable[[MarkerFrames], None]) -> Iterator[None]:
+        """While inside, `take` gets each batch as it comes, on this feed's thread.
+
+        `take` must neither wait nor raise: the stream is not read meanwhile.
+        """
+        with self._lock:
+            self._takers.append(take)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._takers.remove(take)
 
     def last_frame_age_s(self) -> float:
         """Seconds since the newest frame arrived; infinite before the first."""
         with self._lock:
-            last_s = self._kept[-1][0] if self._kept else -math.inf
-            return self._clock.now_s() - last_s
+            return self._clock.now_s() - self._newest_s
 
     def close(self) -> None:
         """End the thread; may be called twice. The source stays open.
@@ -99,46 +133,27 @@ class MarkerFeed:
     def _read(self) -> None:
         while not self._closing.is_set():
             try:
-                frame = self._source.next_frame(READ_TIMEOUT_S)
-            except (NoAnswer, GarbledReply) as error:
-                self._count(error)
+                self._keep(self._source.next_frames(READ_TIMEOUT_S))
+            except NoAnswer:
+                self.silences += 1
                 # A source may refuse at once, without waiting for its time-out.
                 self._clock.sleep(_PAUSE_S)
+            except GarbledReply:
+                self.garbled += 1
             except Exception as error:  # whatever ends this thread must be seen by those who wait for frames
                 self._failure = error
                 return
-            else:
-                self._keep(frame)
 
-    def _count(self, error: NoAnswer | GarbledReply) -> None:
-        if isinstance(error, NoAnswer):
-            self.silences += 1
-        else:
-            self.garbled += 1
-
-    def _keep(self, frame: MarkerFrame) -> None:
+    def _keep(self, batch: MarkerFrames) -> None:
         with self._lock:
-            self._kept.append((self._clock.now_s(), frame))
-            self._arrived += 1
-
-    def _span_s(self, mark: int) -> float:
-        """Seconds from the first to the last of the frames kept since `mark`; below 0 where there is none."""
-        with self._lock:
-            self._require_alive()
-            count = min(self._arrived - mark, len(self._kept))
-            return self._kept[-1][0] - self._kept[-count][0] if count else -1.0
-
-    def _arrivals_since(self, mark: int) -> list[tuple[float, MarkerFrame]]:
-        with self._lock:
-            self._require_alive()
-            wanted, kept = self._arrived - mark, len(self._kept)
-            if wanted > kept:
-                raise NoFrames(
-                    f"{self._source.name}: {wanted} frames came and only the last {kept} are kept; "
-                    "capture for a shorter time"
-                )
-            newest_first = islice(reversed(self._kept), wanted)
-            return list(newest_first)[::-1]
+            self._newest_s = self._clock.now_s()
+            self._kept.append(batch)
+            self._kept_frames += len(batch)
+            self._arrived += len(batch)
+            while self._kept_frames - len(self._kept[0]) >= self._capacity:
+                self._kept_frames -= len(self._kept.popleft())
+            for take in self._takers:
+                take(batch)
 
     def _require_alive(self) -> None:
         if self._failure is None:

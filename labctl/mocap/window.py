@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.mocap.errors import NoFrames
-from labctl.readings import MarkerFrame
+from labctl.readings import MarkerFrames
 
 MIN_SHARE = 0.5
 
@@ -31,7 +31,7 @@ class MarkerWindow:
     unknown: int
 
 
-def average(frames: Sequence[MarkerFrame], ids: Sequence[int], min_share: float = MIN_SHARE) -> MarkerWindow:
+def average(frames: MarkerFrames, ids: Sequence[int], min_share: float = MIN_SHARE) -> MarkerWindow:
     """Average the frames of a window for the markers `ids` (m,), in that order.
 
     A sample counts where its `cond` is above 0 and its position finite. A marker that a frame lacks, or has
@@ -45,7 +45,7 @@ def average(frames: Sequence[MarkerFrame], ids: Sequence[int], min_share: float 
         raise ValueError(f"marker ids repeat: {list(ids)}")
     if not 0 < min_share <= 1:
         raise ValueError(f"min_share {min_share} is not above 0 and at most 1")
-    if not frames:
+    if not len(frames):
         raise NoFrames("no marker frame came in the window; check that the marker server streams")
     samples_mm, unknown = _samples(frames, ids)
     # A sample is whole or NaN, so one axis tells for all three.
@@ -70,22 +70,19 @@ def average(frames: Sequence[MarkerFrame], ids: Sequence[int], min_share: float 
     )
 
 
-def _samples(frames: Sequence[MarkerFrame], ids: Sequence[int]) -> tuple[NDArray[np.float64], int]:
+def _samples(frames: MarkerFrames, ids: Sequence[int]) -> tuple[NDArray[np.float64], int]:
     """Positions (frames, m, 3) in mm, NaN where not seen; and how many samples were of other markers."""
-    column = {marker: index for index, marker in enumerate(ids)}
-    samples_mm = np.full((len(frames), len(ids), 3), np.nan)
-    unknown = 0
-    for row, frame in enumerate(frames):
-        good = (frame.cond > 0) & np.isfinite(frame.cond) & np.isfinite(frame.positions_mm).all(axis=1)
-        found: set[int] = set()
-        for index, marker in enumerate(frame.ids.tolist()):
-            if marker not in column:
-                unknown += 1
-            elif marker in found:
-                # Which of the two is the marker cannot be told.
-                samples_mm[row, column[marker]] = np.nan
-            else:
-                found.add(marker)
-                if good[index]:
-                    samples_mm[row, column[marker]] = frame.positions_mm[index]
-    return samples_mm, unknown
+    wanted = np.array(ids, dtype=np.int64)
+    order = np.argsort(wanted)
+    nearest = np.searchsorted(wanted, frames.ids, sorter=order).clip(max=len(wanted) - 1)
+    column = order[nearest]
+    is_known = wanted[column] == frames.ids
+    row = np.repeat(np.arange(len(frames)), np.diff(frames.starts))
+    cell = row * len(wanted) + column
+    # Which of two is the marker cannot be told.
+    is_once = np.bincount(cell[is_known], minlength=len(frames) * len(wanted)) == 1
+    is_seen = (frames.cond > 0) & np.isfinite(frames.cond) & np.isfinite(frames.positions_mm).all(axis=1)
+    is_good = is_known & is_seen & is_once[cell]
+    samples_mm = np.full((len(frames), len(wanted), 3), np.nan)
+    samples_mm[row[is_good], column[is_good]] = frames.positions_mm[is_good]
+    return samples_mm, int((~is_known).sum())

@@ -28,7 +28,7 @@ class RigInstruments:
     """Regulator, valve bank and marker stream of one rig, each of which has answered for itself.
 
     A rig that is found with pressure, a setpoint or valves on was left so by something else: it is taken to
-    SAFE before anything more is asked.
+    SAFE before anything more is asked. `clock` is the wall's; frames are told to have come by `rig_clock`.
 
     Raises:
         Unsafe: it was found energised and SAFE could not be read back.
@@ -37,7 +37,12 @@ class RigInstruments:
     """
 
     def __init__(
-        self, config: RigConfig, clock: Clock, stop: StopRequest, tell: Callable[[str], None]
+        self,
+        config: RigConfig,
+        clock: Clock,
+        rig_clock: Clock,
+        stop: StopRequest,
+        tell: Callable[[str], None],
     ) -> None:
         with ExitStack() as opened:
             try:
@@ -49,7 +54,7 @@ class RigInstruments:
                 if found:
                     tell(f"{config.name} was found energised ({found}): taking it to SAFE")
                     _make_safe(self.regulator, self.valves, config, clock)
-                markers = open_markers(config.markers, clock)
+                markers = open_markers(config.markers, clock, rig_clock)
                 opened.callback(markers.close)
                 stop.check()
                 self.identities = Identities(

@@ -7,15 +7,16 @@ that back, whatever happened inside.
 
 import threading
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from types import TracebackType
 
 from labctl.clock import Clock, FastClock, WallClock
 from labctl.config.rig import RigConfig
 from labctl.errors import InstrumentError, Unsafe
-from labctl.readings import MarkerFrame, PressureReading
+from labctl.readings import MarkerFrames, PressureReading
 from labctl.rig.instruments import RigInstruments
+from labctl.rig.recorder import Recorder, kept_by
 from labctl.rig.trace import PressureTrace
 from labctl.safety.guard import Guard
 from labctl.safety.safe_state import SafeReport, make_safe
@@ -56,7 +57,7 @@ class Rig:
         self._closed = False
         self._guard = Guard(config)
         try:
-            self._instruments = RigInstruments(config, self._wall, stop, tell)
+            self._instruments = RigInstruments(config, self._wall, self.clock, stop, tell)
             try:
                 self._guard.wait_armed()
             except BaseException:
@@ -75,6 +76,7 @@ class Rig:
             self._instruments.valves,
             config.limits,
             clock=self._wall,
+            rig_clock=self.clock,
             bus=self._bus,
             vent=self.make_safe,
             guard=self._guard,
@@ -215,7 +217,7 @@ class Rig:
                 )
         return PressureTrace(tuple(times_s), tuple(pressures_psi))
 
-    def capture(self, seconds: float) -> tuple[list[MarkerFrame], PressureTrace]:
+    def capture(self, seconds: float) -> tuple[MarkerFrames, PressureTrace]:
         """Collect the marker frames and pressures of the next `seconds` of the rig's clock.
 
         It lasts a little longer where fewer than five pressures were read by then (a simulated rig that runs fast):
@@ -235,6 +237,16 @@ class Rig:
         frames = feed.since(mark)
         self._require_flow(len(frames), seconds)
         return frames, PressureTrace(tuple(times_s), tuple(pressures_psi))
+
+    @contextmanager
+    def recording(self, recorder: Recorder) -> Iterator[None]:
+        """While inside, `recorder` gets every frame that comes and every pressure that the supervisor reads."""
+        with ExitStack() as handing:
+            take_pressure = kept_by(recorder, recorder.take_pressure)
+            take_frames = kept_by(recorder, recorder.take_frames)
+            handing.enter_context(self._supervisor.handing_to(take_pressure))
+            handing.enter_context(self._instruments.feed.handing_to(take_frames))
+            yield
 
     def make_safe(self) -> SafeReport:
         """Take the rig to SAFE and read it back; may be called at any time, any number of times.

@@ -11,8 +11,8 @@ when it has looked at the rig: a hang anywhere in between is the guard's to end.
 """
 
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -20,7 +20,7 @@ from labctl.clock import Clock
 from labctl.config.rig import Limits
 from labctl.errors import InstrumentError, Tripped
 from labctl.instruments import PressureRegulator, ValveBank
-from labctl.readings import PressureReading
+from labctl.readings import PressureReading, PressureSample
 from labctl.safety.safe_state import SafeReport
 
 POLL_PERIOD_S = 0.05
@@ -75,6 +75,7 @@ class Supervisor:
         valves: the rig's valve bank.
         limits: pressures and times.
         clock: the wall's.
+        rig_clock: the rig's, which samples are told by that are handed on.
         bus: the rig's instrument lock.
         vent: takes the rig to SAFE and reports; called with `bus` held.
         guard: the guard process, which must live and is beaten here.
@@ -88,6 +89,7 @@ class Supervisor:
         limits: Limits,
         *,
         clock: Clock,
+        rig_clock: Clock,
         bus: threading.RLock,
         vent: Callable[[], SafeReport],
         guard: Watchdog,
@@ -97,6 +99,7 @@ class Supervisor:
         self._valves = valves
         self._limits = limits
         self._clock = clock
+        self._rig_clock = rig_clock
         self._bus = bus
         self._vent = vent
         self._guard = guard
@@ -107,6 +110,7 @@ class Supervisor:
         self._armed = False
         self._beat_s = 0.0
         self._latest: Sample | None = None
+        self._takers: list[Callable[[PressureSample], None]] = []
         self._valves_seen_s = 0.0
         self._follows_s = 0.0
         self._vented_s = 0.0
@@ -168,6 +172,17 @@ class Supervisor:
         """The newest credible reading."""
         return self._latest
 
+    @contextmanager
+    def handing_to(self, take: Callable[[PressureSample], None]) -> Iterator[None]:
+        """While inside, `take` gets each credible reading, on this thread; it must neither wait nor raise."""
+        with self._bus:
+            self._takers.append(take)
+        try:
+            yield
+        finally:
+            with self._bus:
+                self._takers.remove(take)
+
     def poll(self, *, with_valves: bool) -> str | None:
         """One look at everything; returns the reason to trip, or None."""
         try:
@@ -212,12 +227,16 @@ class Supervisor:
             self._ending.wait(max(0.0, next_s - self._clock.now_s()))
 
     def _poll_pressure(self) -> str | None:
+        asked_s = self._rig_clock.now_s()
         try:
             reading = self._regulator.read(timeout_s=_POLL_TIMEOUT_S)
         except InstrumentError as error:
             self._last_error = str(error)
             return None
+        came_s = self._rig_clock.now_s()
         self._latest = Sample(reading, self._clock.now_s())
+        for take in self._takers:
+            take(PressureSample(reading, asked_s, came_s))
         return self._judge_pressure(reading) or self._judge_regulator(reading)
 
     def _poll_valves(self) -> str | None:

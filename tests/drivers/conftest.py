@@ -119,6 +119,14 @@ class ScriptedStream:
         del self.said[:n]
         return data
 
+    def peek(self, n, most, deadline):
+        data = self.read_exactly(max(n, min(most, len(self.said))), deadline)
+        self.said[:0] = data
+        return data
+
+    def skip(self, n):
+        del self.said[:n]
+
     def close(self):
         self.closed += 1
 

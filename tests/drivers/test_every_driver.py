@@ -53,7 +53,14 @@ def relay_tcp(port):
 
 def phasespace(port):
     stream = TcpStream("127.0.0.1", port, WallClock(), "markers", connect_timeout_s=1.0)
-    return PhaseSpace(stream, frequency_hz=240.0, length_unit_mm=1.0, name="markers", timeout_s=TIMEOUT_S)
+    return PhaseSpace(
+        stream,
+        clock=WallClock(),
+        frequency_hz=240.0,
+        length_unit_mm=1.0,
+        name="markers",
+        timeout_s=TIMEOUT_S,
+    )
 
 
 DRIVERS = {

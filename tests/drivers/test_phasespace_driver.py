@@ -1,10 +1,12 @@
 """Packets as in the wire page's byte examples; the server's side is put together here, by hand."""
 
 import struct
+import time
 
 import numpy as np
 import pytest
 
+from labctl.clock import FastClock, WallClock
 from labctl.drivers import phasespace_wire as wire
 from labctl.drivers.phasespace import PhaseSpace
 from labctl.errors import BadInput, GarbledReply, InstrumentRefused, LinkDown, NoAnswer
@@ -46,7 +48,13 @@ STOPPED = said(NAMES["streaming"], 2, struct.pack("<i", 0))
 
 
 def source(stream, **changes):
-    settings = {"frequency_hz": 240.0, "length_unit_mm": 1.0, "name": "markers", "timeout_s": 1.0}
+    settings = {
+        "clock": WallClock(),
+        "frequency_hz": 240.0,
+        "length_unit_mm": 1.0,
+        "name": "markers",
+        "timeout_s": 1.0,
+    }
     return PhaseSpace(stream, **(settings | changes))
 
 
@@ -113,16 +121,16 @@ def test_names_are_looked_up_and_not_assumed(stream):
     device.start()
     assert wire.packet(43, 2, b"\1\0\0\0") in link.heard
     link.say(said(44 << 8 | 45, 0x84, marker(7, 1, 2, 3, 1), 5) + said(44, 0x80, b"", 5))
-    assert device.next_frame().ids.tolist() == [7]
+    assert device.next_frames().ids.tolist() == [7]
 
 
 def test_a_frame(started):
     device, link = started
     link.say(frame(1_500_000, marker(0, 1.5, -2.0, 3.25, 4.0), marker(12, 0, 0, 0, -1.0)))
-    found = device.next_frame()
-    assert found.time_s == 1.5
+    found = device.next_frames()
+    assert found.time_s.tolist() == [1.5]
     assert found.ids.tolist() == [0, 12]
-    assert found.ids.dtype == np.int64
+    assert found.ids.dtype == np.int32
     assert found.positions_mm.tolist() == [[1.5, -2.0, 3.25], [0, 0, 0]]
     # An occluded marker stays in the frame, and says that it is occluded.
     assert found.cond.tolist() == [4.0, -1.0]
@@ -131,13 +139,62 @@ def test_a_frame(started):
 def test_frames_come_in_the_order_sent_and_close_with_or_without_payload(started):
     device, link = started
     link.say(frame(1, marker(1, 0, 0, 0, 1)), frame(2, marker(2, 0, 0, 0, 1), close=b""))
-    assert [device.next_frame().ids.tolist() for _ in range(2)] == [[1], [2]]
+    found = device.next_frames()
+    assert (found.ids.tolist(), found.starts.tolist()) == ([1, 2], [0, 1, 2])
+
+
+def test_all_frames_at_hand_come_in_one_call(started):
+    device, link = started
+    link.say(*(frame(10 * n, marker(1, n, 0, 0, 1), marker(2, 0, n, 0, -1)) for n in range(50)))
+    found = device.next_frames()
+    assert found.time_s.tolist() == [n * 10 * 1e-6 for n in range(50)]
+    assert found.starts.tolist() == list(range(0, 101, 2))
+    assert found.ids.tolist() == [1, 2] * 50
+    assert found.positions_mm[::2, 0].tolist() == list(range(50))
+    assert found.positions_mm.dtype == found.cond.dtype == np.float32
+    assert found.cond.tolist() == [1, -1] * 50
+
+
+def test_arrival_is_by_the_clock_that_was_handed_in(stream):
+    link = stream(SESSION, STREAMING, frame(1), frame(2))
+    device = source(link, clock=FastClock(1000.0))
+    device.start()
+    before_s = 1000 * time.monotonic()
+    arrival_s = device.next_frames().arrival_s
+    assert before_s <= arrival_s[0] == arrival_s[1] <= 1000 * time.monotonic()
+
+
+def test_frames_of_several_kinds_of_data_and_of_many_layouts(started):
+    """Rigid bodies beside the markers, slots that come and go, and texts in between."""
+    device, link = started
+    rigid = said(RAW << 8 | 34, 0x85, bytes(48), 9)
+    unused = marker(0xFFFFFFFF, 0, 0, 0, 0)
+    said_frames = [
+        *(
+            rigid + frame(n, marker(n, 0, 0, 0, 1), unused if n % 2 else marker(99, 0, 0, 0, 1))
+            for n in range(6)
+        ),
+        text(0, "novelty=1"),
+        *(frame(n, *(marker(m, 0, 0, 0, 1) for m in range(n))) for n in range(3)),
+        # Two kinds of frames that interleave are none that can be read as one array.
+        said(44 << 8 | MARKERS, 0x84, marker(7, 0, 0, 0, 1), 50),
+        frame(51, marker(8, 0, 0, 0, 1)),
+        said(44, 0x80, b"", 50),
+    ]
+    link.say(*said_frames)
+    found, counts = [], []
+    while link.said:
+        batch = device.next_frames()
+        found += batch.ids.tolist()
+        counts += np.diff(batch.starts).tolist()
+    assert found == [0, 99, 1, 2, 99, 3, 4, 99, 5, 0, 0, 1, 8, 7]
+    assert counts == [2, 1, 2, 1, 2, 1, 0, 1, 2, 1, 1]
 
 
 def test_a_frame_without_markers_is_empty_not_missing(started):
     device, link = started
     link.say(said(RAW, 0x80, b"", 7))
-    found = device.next_frame()
+    found = device.next_frames()
     assert (found.ids.shape, found.positions_mm.shape, found.cond.shape) == ((0,), (0, 3), (0,))
 
 
@@ -148,21 +205,21 @@ def test_other_data_and_unused_slots_are_left_out(started):
         said(22, 0x81, bytes(40)),
         frame(9, marker(3, 1, 1, 1, 1), marker(0xFFFFFFFF, 0, 0, 0, 0)),
     )
-    assert device.next_frame().ids.tolist() == [3]
+    assert device.next_frames().ids.tolist() == [3]
 
 
 def test_lengths_are_in_the_instruments_unit(stream):
     link = stream(SESSION, STREAMING, frame(1, marker(1, 0.001, 0.25, 2.0, 1)))
     device = source(link, length_unit_mm=1000.0)
     device.start()
-    np.testing.assert_allclose(device.next_frame().positions_mm, [[1.0, 250.0, 2000.0]], rtol=1e-6)
+    np.testing.assert_allclose(device.next_frames().positions_mm, [[1.0, 250.0, 2000.0]], rtol=1e-6)
 
 
 def test_without_a_timebase_time_counts_frames(stream):
     session = GREETING + text(4, "initialized=1 streaming=0 frequency=240")
     device = source(stream(session, STREAMING, frame(480)))
     device.start()
-    assert device.next_frame().time_s == 2.0
+    assert device.next_frames().time_s.tolist() == [2.0]
 
 
 def test_nothing_is_lost_by_a_time_out_in_the_middle(stream):
@@ -174,7 +231,7 @@ def test_nothing_is_lost_by_a_time_out_in_the_middle(stream):
         link.say(whole[at : at + 7])
         try:
             device.start()
-            found = device.next_frame()
+            found = device.next_frames()
         except NoAnswer:
             continue
     assert found is not None
@@ -189,10 +246,10 @@ def test_stop_drops_the_frames_not_fetched(started):
     link.say(frame(1), frame(2), STOPPED)
     device.stop()
     with pytest.raises(NoAnswer, match="start it first"):
-        device.next_frame()
+        device.next_frames()
     link.say(STREAMING, frame(3))
     device.start()
-    assert device.next_frame().time_s == pytest.approx(3e-6)
+    assert device.next_frames().time_s.tolist() == [pytest.approx(3e-6)]
 
 
 def test_a_frequency_that_was_not_taken_is_asked_for_again_and_then_refused(stream):
@@ -226,9 +283,9 @@ def test_an_error_on_id_0_is_ignored(stream):
 def test_a_stream_that_another_client_ended_says_so(started):
     device, link = started
     link.say(frame(1), text(5, "initialized=0 streaming=0"))
-    device.next_frame()
+    device.next_frames()
     with pytest.raises(InstrumentRefused, match="ended the stream"):
-        device.next_frame()
+        device.next_frames()
 
 
 def test_a_stream_that_is_not_granted(stream):
@@ -242,17 +299,19 @@ def test_a_stream_that_is_not_granted(stream):
         frame(1, marker(1, 0, 0, 0, 1), marker(1, 0, 0, 0, 1)),
         frame(1, marker(1, float("nan"), 0, 0, 1)),
         frame(1, marker(1, 0, 0, 0, float("nan"))),
+        frame(1, marker(0x80000000, 0, 0, 0, 1)),
         frame(1, bytes(31)),
         said(RAW << 8 | MARKERS, 0x84, marker(1, 0, 0, 0, 1), 1) + said(RAW, 0x80, b"", 2),
     ],
-    ids=["id twice", "no place", "no cond", "partial record", "another time"],
+    ids=["id twice", "no place", "no cond", "id too large", "partial record", "another time"],
 )
 def test_a_frame_that_contradicts_itself_is_left_out_and_the_next_is_read(started, bad):
     device, link = started
-    link.say(bad, frame(9, marker(4, 0, 0, 0, 1)))
+    link.say(*(frame(n, marker(n, 0, 0, 0, 1)) for n in (6, 7, 8)), bad, frame(9, marker(4, 0, 0, 0, 1)))
+    assert device.next_frames().ids.tolist() == [6, 7, 8]
     with pytest.raises(GarbledReply, match="markers: "):
-        device.next_frame()
-    assert device.next_frame().ids.tolist() == [4]
+        device.next_frames()
+    assert device.next_frames().ids.tolist() == [4]
 
 
 @pytest.mark.parametrize(
@@ -269,9 +328,9 @@ def test_where_the_next_packet_cannot_be_found_the_stream_is_given_up(started, h
     device, link = started
     link.say(header)
     with pytest.raises(GarbledReply, match="given up"):
-        device.next_frame()
+        device.next_frames()
     assert link.closed == 1
-    for call in (device.next_frame, device.stop):
+    for call in (device.next_frames, device.stop):
         with pytest.raises(LinkDown, match="open the rig again"):
             call()
     device.close()
@@ -281,7 +340,7 @@ def test_a_server_that_closes_is_down_not_silent(started):
     device, link = started
     link.hung_up = True
     with pytest.raises(LinkDown):
-        device.next_frame()
+        device.next_frames()
 
 
 def test_a_server_of_another_kind_is_refused(stream):

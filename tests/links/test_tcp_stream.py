@@ -46,6 +46,28 @@ def test_what_came_before_a_time_out_is_kept(tcp_peer, wires, connect):
     assert stream.read_exactly(1, within(1)) == b"g"
 
 
+def test_a_peek_leaves_everything_in_the_stream(tcp_peer, wires, connect):
+    stream = connect(tcp_peer([wires.say(b"abcdef"), wires.say(b"ghi", after_s=0.1)]))
+    assert stream.peek(4, 5, within(1)) == b"abcde"
+    assert stream.peek(7, 100, within(1)) == b"abcdefghi"
+    stream.skip(2)
+    assert stream.read_exactly(3, within(1)) == b"cde"
+    with pytest.raises(NoAnswer, match=r"4 of 5 bytes came within 0.1 s"):
+        stream.peek(5, 100, within(0.1))
+    assert stream.read_exactly(4, within(1)) == b"fghi"
+
+
+def test_a_peek_shows_what_a_peer_said_before_it_closed(tcp_peer, wires, connect):
+    stream = connect(tcp_peer([wires.say(b"ab"), wires.hang_up()]))
+    for _ in range(2):
+        assert stream.peek(2, 100, within(1)) == b"ab"
+    with pytest.raises(LinkDown, match=r"closed the connection"):
+        stream.peek(3, 100, within(1))
+    stream.close()
+    with pytest.raises(LinkDown, match=r"it is closed"):
+        stream.peek(3, 100, within(1))
+
+
 def test_a_peer_that_closes_is_down_not_silent(tcp_peer, wires, connect):
     stream = connect(tcp_peer([wires.say(b"ab"), wires.hang_up()]))
     with pytest.raises(LinkDown, match=r"closed the connection"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from labctl.readings import MarkerFrame
+from labctl.readings import MarkerFrames
 
 SHEET_MM = np.array(
     [
@@ -50,17 +50,30 @@ def sheet_mm():
     return SHEET_MM.copy()
 
 
+def made_frame(ids, positions_mm, cond):
+    return MarkerFrames(
+        time_s=np.zeros(1),
+        arrival_s=np.zeros(1),
+        starts=np.array([0, len(ids)]),
+        ids=np.asarray(ids, np.int32),
+        positions_mm=np.asarray(positions_mm, np.float32).reshape(len(ids), 3),
+        cond=np.asarray(cond, np.float32),
+    )
+
+
+@pytest.fixture(scope="session")
+def one_frame():
+    """Makes one frame: `one_frame(ids, positions_mm, cond)`."""
+    return made_frame
+
+
 @pytest.fixture
 def frame_of():
-    """Makes a marker frame: `frame_of({id: (x, y, z)}, unseen=[id], time_s=...)`."""
+    """Makes one marker frame: `frame_of({id: (x, y, z)}, unseen=[id])`."""
 
-    def make(positions_mm, unseen=(), time_s=0.0):
-        ids = np.array(list(positions_mm), dtype=np.int64)
-        return MarkerFrame(
-            time_s=time_s,
-            ids=ids,
-            positions_mm=np.array(list(positions_mm.values()), dtype=float).reshape(len(ids), 3),
-            cond=np.where(np.isin(ids, list(unseen)), -1.0, 3.5),
-        )
+    def make(positions_mm, unseen=()):
+        ids = np.array(list(positions_mm), dtype=np.int32)
+        places_mm = np.array(list(positions_mm.values()), dtype=np.float32).reshape(len(ids), 3)
+        return made_frame(ids, places_mm, np.where(np.isin(ids, list(unseen)), -1.0, 3.5))
 
     return make

@@ -11,7 +11,7 @@ from labctl.errors import GarbledReply, InstrumentError, InstrumentRefused, Link
 from labctl.mocap import feed as feed_module
 from labctl.mocap.errors import NoFrames
 from labctl.mocap.feed import MarkerFeed
-from labctl.readings import MarkerFrame
+from labctl.readings import MarkerFrames
 
 
 class Stream:
@@ -26,7 +26,7 @@ class Stream:
     def put(self, what):
         self._coming.put(what)
 
-    def next_frame(self, timeout_s=None):
+    def next_frames(self, timeout_s=None):
         try:
             what = self._coming.get(timeout=min(timeout_s, 0.02))
         except queue.Empty:
@@ -64,7 +64,20 @@ class HandClock:
 
 
 def numbered(number):
-    return MarkerFrame(float(number), np.array([1]), np.zeros((1, 3)), np.ones(1))
+    return batch(number)
+
+
+def batch(*numbers):
+    """Frames whose time is their number, each with one marker, whose id is the number too."""
+    count = len(numbers)
+    return MarkerFrames(
+        time_s=np.array(numbers, dtype=float),
+        arrival_s=np.zeros(count),
+        starts=np.arange(count + 1),
+        ids=np.array(numbers, dtype=np.int32),
+        positions_mm=np.zeros((count, 3), np.float32),
+        cond=np.ones(count, np.float32),
+    )
 
 
 def until(holds):
@@ -92,22 +105,23 @@ def feed(stream, clock):
     running.close()
 
 
-def arrived(feed, stream, *frames):
-    """Hand frames to the stream and wait until the feed has them."""
-    wanted = feed.mark() + len(frames)
-    for frame in frames:
-        stream.put(frame)
+def arrived(feed, stream, *batches):
+    """Hand batches to the stream and wait until the feed has them."""
+    wanted = feed.mark() + sum(map(len, batches))
+    for frames in batches:
+        stream.put(frames)
     until(lambda: feed.mark() == wanted)
 
 
 def times(frames):
-    return [frame.time_s for frame in frames]
+    assert frames.ids.tolist() == frames.time_s.tolist()
+    return frames.time_s.tolist()
 
 
 def test_since_gives_the_frames_after_the_mark_in_order(feed, stream):
     arrived(feed, stream, numbered(0), numbered(1))
     mark = feed.mark()
-    assert feed.since(mark) == []
+    assert times(feed.since(mark)) == []
     arrived(feed, stream, *map(numbered, range(2, 50)))
     assert times(feed.since(mark)) == list(range(2, 50))
     assert times(feed.since(mark + 47)) == [49]
@@ -159,7 +173,7 @@ def test_a_source_that_refuses_at_once_is_not_asked_without_pause(stream):
         asked.append(timeout_s)
         raise NoAnswer("no stream was asked for")
 
-    stream.next_frame = refuse
+    stream.next_frames = refuse
     feed = MarkerFeed(stream, WallClock())
     feed.start()
     time.sleep(0.1)
@@ -203,7 +217,7 @@ def test_start_and_close_may_be_called_twice(stream, clock):
 def test_close_is_bounded_when_a_read_hangs(stream, clock, monkeypatch):
     release = threading.Event()
     monkeypatch.setattr(feed_module, "JOIN_TIMEOUT_S", 0.05)
-    monkeypatch.setattr(stream, "next_frame", lambda timeout_s: release.wait(30) and numbered(0))
+    monkeypatch.setattr(stream, "next_frames", lambda timeout_s: release.wait(30) and numbered(0))
     feed = MarkerFeed(stream, clock)
     feed.start()
     with pytest.raises(NoAnswer, match="did not end within"):

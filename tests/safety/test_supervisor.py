@@ -23,6 +23,7 @@ def supervisor(regulator, valves, guard, clock, tell):
         valves,
         LIMITS,
         clock=clock,
+        rig_clock=clock,
         bus=threading.RLock(),
         vent=vent,
         guard=guard,
@@ -104,7 +105,9 @@ def running(regulator, valves, guard, tell):
     def vent():
         return make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=wall)
 
-    watching = Supervisor(regulator, valves, LIMITS, clock=wall, bus=bus, vent=vent, guard=guard, tell=tell)
+    watching = Supervisor(
+        regulator, valves, LIMITS, clock=wall, rig_clock=wall, bus=bus, vent=vent, guard=guard, tell=tell
+    )
     watching.start()
     yield watching
     watching.stop()
@@ -150,7 +153,15 @@ def test_polls_at_20_hz_and_beats_the_guard(running, calls, guard):
 def test_a_hang_with_the_bus_held_is_not_covered_up(regulator, valves, guard, tell):
     bus = threading.RLock()
     watching = Supervisor(
-        regulator, valves, LIMITS, clock=WallClock(), bus=bus, vent=lambda: None, guard=guard, tell=tell
+        regulator,
+        valves,
+        LIMITS,
+        clock=WallClock(),
+        rig_clock=WallClock(),
+        bus=bus,
+        vent=lambda: None,
+        guard=guard,
+        tell=tell,
     )
     with bus:
         watching.start()
@@ -238,6 +249,7 @@ def test_the_vent_comes_before_anything_is_said(regulator, valves, guard, clock)
         valves,
         LIMITS,
         clock=clock,
+        rig_clock=clock,
         bus=threading.RLock(),
         vent=vent,
         guard=guard,

@@ -1,0 +1,90 @@
+"""Frames and pressures on their way to a recorder, on the rig of doubles in this process."""
+
+import time
+
+import numpy as np
+import pytest
+
+from labctl.mocap.frames import concatenate
+from labctl.rig import Rig
+from labctl.stop import StopRequest
+
+
+def open_rig(config):
+    return Rig(config, stop=StopRequest(), tell=lambda _: None)
+
+
+class Notes:
+    """A recorder that keeps what it is given; `broken` raises on every call."""
+
+    def __init__(self, broken=False):
+        self.batches, self.samples, self.errors = [], [], []
+        self.broken = broken
+
+    def take_frames(self, frames):
+        self.batches.append(frames)
+        if self.broken:
+            raise OSError("no space left")
+
+    def take_pressure(self, sample):
+        self.samples.append(sample)
+        if self.broken:
+            raise OSError("no space left")
+
+    def fail(self, error):
+        self.errors.append(error)
+
+
+def test_every_frame_and_pressure_between_two_verbs_is_handed_over(serve):
+    _, config = serve()
+    notes = Notes()
+    with open_rig(config) as rig:
+        rig.wait(1)
+        begin_s = rig.clock.now_s()
+        with rig.recording(notes):
+            mark = rig._instruments.feed.mark()
+            rig.wait(2)
+            frames, _ = rig.capture(1)
+            rig.wait(2)
+            known = rig._instruments.feed.since(mark)
+        end_s = rig.clock.now_s()
+        given = concatenate(notes.batches)
+        rig.wait(1)
+    # Nothing is missing, nothing came twice, and nothing came after the end.
+    first = len(given) - len(known)
+    assert len(concatenate(notes.batches)) == len(given)
+    np.testing.assert_array_equal(given.time_s[first:][: len(known)], known.time_s)
+    np.testing.assert_array_equal(given.positions_mm[given.starts[first] :], known.positions_mm)
+    assert set(frames.time_s) <= set(given.time_s)
+    assert begin_s <= given.arrival_s[0] <= given.arrival_s[-1] <= end_s
+    assert (np.diff(given.arrival_s) >= 0).all()
+    # 20 Hz of the wall's clock.
+    assert len(notes.samples) == pytest.approx(20 * (end_s - begin_s) / config.speed, abs=3)
+    for sample in notes.samples:
+        assert begin_s <= sample.asked_s <= sample.came_s <= end_s
+        assert sample.reading.gauge_psi == pytest.approx(0, abs=0.1)
+
+
+def test_a_recorder_that_fails_ends_neither_the_stream_nor_the_watch(serve):
+    _, config = serve()
+    notes = Notes(broken=True)
+    with open_rig(config) as rig:
+        with rig.recording(notes):
+            rig.wait(2)
+        frames, trace = rig.capture(1)
+    assert len(frames) > 200
+    assert len(trace.pressures_psi) > 1
+    assert len(notes.errors) == len(notes.batches) + len(notes.samples) > 10
+
+
+def test_two_recorders_may_overlap(serve):
+    _, config = serve()
+    one, other = Notes(), Notes()
+    with open_rig(config) as rig, rig.recording(one):
+        with rig.recording(other):
+            rig.wait(1)
+        until = time.monotonic() + 5
+        while len(one.samples) <= len(other.samples) and time.monotonic() < until:
+            rig.wait(0.1)
+    assert len(one.samples) > len(other.samples) > 0
+    assert len(concatenate(one.batches)) > len(concatenate(other.batches)) > 0
