@@ -83,15 +83,12 @@ def _mean_heights(
     counts = np.isfinite(heights_mm).sum(axis=1) >= needed
     always = np.isfinite(heights_mm[counts]).all(axis=0)
     mean_mm: Floats = np.full(stretches, np.nan)
-    if not counts.any() or always.sum() < needed:
-        seen = int(always.sum()) if counts.any() else 0
-        return (
-            time_s,
-            mean_mm,
-            (
-                f"{seen} of {len(always)} markers were seen on the uninflated sheet and all the time after venting, and "
-                f"at least {needed} are needed (measurement.min_points); clear the cameras' view"
-            ),
+    seen = int(always.sum()) if counts.any() else 0
+    if seen < needed:
+        problem = (
+            f"{seen} of {len(always)} markers were seen on the uninflated sheet and all the time after venting, "
+            f"and at least {needed} are needed (measurement.min_points); clear the cameras' view"
         )
+        return time_s, mean_mm, problem
     mean_mm[counts] = heights_mm[np.ix_(counts, always)].mean(axis=1)
     return time_s, mean_mm, None

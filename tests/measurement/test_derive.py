@@ -1,0 +1,218 @@
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labctl.measurement.codec import canonical
+from labctl.measurement.derive import derive
+from labctl.measurement.windows import Window
+from labctl.mocap.transfer import transfer_error
+
+
+def test_the_heights_of_a_level_are_above_the_uninflated_sheet(trial, made):
+    result = derive(*trial.parts)
+    (level,) = result.levels
+    np.testing.assert_allclose(level.heights_mm, made.SHAPE_MM, atol=0.03)
+    assert result.problems == ()
+    assert level.frames == 100
+    assert level.seen == (100,) * 16
+    assert result.frame_residual_mm < 0.02
+
+
+def test_the_standard_deviation_is_that_of_the_heights_over_the_frames(trial, made):
+    # 0.05 mm of noise in each direction; the sheet lies askew in the instrument's frame, its height does not.
+    (level,) = derive(*trial.parts).levels
+    assert np.mean(level.height_sd_mm) == pytest.approx(0.05, rel=0.1)
+    only_up = made.made_frames(trial.frames.arrival_s - 0.002, made.sheet_heights_mm(made.TIME_S))
+    (level,) = derive(only_up, *trial.parts[1:]).levels
+    assert max(level.height_sd_mm) < 1e-4
+
+
+def test_e_t_is_that_of_equation_2_on_these_heights(trial, made):
+    simulated_mm = tuple((made.SHAPE_MM * np.linspace(1, 2, 16)).tolist())
+    basis = replace(trial.basis, simulated_mm={3.9: simulated_mm})
+    (level,) = derive(*trial.but(basis=basis).parts).levels
+    error = transfer_error(np.array(level.heights_mm), simulated_mm)
+    assert level.e_t_percent == error.percent > 5
+    assert level.per_point_percent == tuple(error.per_point.tolist())
+    assert level.points_compared == 16
+
+
+def test_a_level_without_a_simulation_has_heights_and_no_e_t(trial):
+    result = derive(*trial.but(basis=replace(trial.basis, simulated_mm={})).parts)
+    (level,) = result.levels
+    assert level.e_t_percent is None
+    assert level.per_point_percent == (None,) * 16
+    assert None not in level.heights_mm
+    assert result.problems == ()
+
+
+def test_the_held_pressure_is_that_of_the_readings_in_the_window(trial):
+    gauge_psi = np.where(trial.pressures.time_s < 15.5, 3.85, 3.95)
+    (level,) = derive(*trial.but(pressures=replace(trial.pressures, gauge_psi=gauge_psi)).parts).levels
+    # 15.0, 15.05, ... 15.45 and 15.5, ... 16.0
+    assert level.mean_psi == pytest.approx((10 * 3.85 + 11 * 3.95) / 21)
+    assert (level.lowest_psi, level.highest_psi) == (3.85, 3.95)
+
+
+def test_frames_belong_to_a_window_by_the_laboratorys_clock(trial, made):
+    # The server's clock is 5000 s off, and the level's window is where the sheet starts to rise.
+    windows = (trial.windows[0], Window("level", 9.5, 10.5, 3.9))
+    result = derive(*trial.but(windows=windows).parts)
+    (level,) = result.levels
+    assert level.frames == 100
+    np.testing.assert_allclose(level.heights_mm, made.SHAPE_MM / 2, atol=0.15)
+
+
+def test_the_same_recording_gives_the_same_bits_again(trial):
+    texts = {canonical(derive(*trial.parts)) for _ in range(3)}
+    assert len(texts) == 1
+
+
+@pytest.mark.parametrize("hidden", [[3], [3, 7, 9]])
+def test_what_was_not_seen_is_missing_and_the_rest_compared(trial, made, hidden):
+    frames = made.hide(trial.frames, hidden, made.TIME_S > 10)
+    (level,) = derive(*trial.but(frames=frames).parts).levels
+    assert [index for index, height in enumerate(level.heights_mm) if height is None] == hidden
+    assert [index for index, sd in enumerate(level.height_sd_mm) if sd is None] == hidden
+    assert level.points_compared == 16 - len(hidden)
+    assert level.e_t_percent is not None
+
+
+def test_a_marker_seen_in_too_small_a_share_of_the_frames_is_missing(trial, made):
+    frames = made.hide(trial.frames, [5], (made.TIME_S > 15) & (made.TIME_S < 15.6))
+    (level,) = derive(*trial.but(frames=frames).parts).levels
+    assert level.heights_mm[5] is None
+    assert 35 < level.seen[5] < 45
+    generous = replace(trial.basis, min_share=0.3)
+    (level,) = derive(*trial.but(frames=frames, basis=generous).parts).levels
+    assert level.heights_mm[5] == pytest.approx(made.SHAPE_MM[5], abs=0.05)
+
+
+def test_a_level_with_too_few_markers_says_so(trial, made):
+    frames = made.hide(trial.frames, range(9), (made.TIME_S > 10) & (made.TIME_S < 18))
+    result = derive(*trial.but(frames=frames).parts)
+    assert result.levels[0].e_t_percent is None
+    assert result.problems == (
+        "3.9 psi: 7 of 16 markers were seen in at least 50% of the frames, here and on the uninflated sheet, and at "
+        "least 8 are needed (measurement.min_points); not seen: 0, 1, 2, 3, 4, 5, 6, 7, 8. Clear the cameras' view "
+        "of them, or lower the pressure",
+    )
+
+
+def test_markers_hidden_on_the_uninflated_sheet_fix_no_frame(trial, made):
+    frames = made.hide(trial.frames, range(13), made.TIME_S < 7)
+    result = derive(*trial.but(frames=frames).parts)
+    assert result.frame_residual_mm is None
+    assert result.levels[0].heights_mm == (None,) * 16
+    assert result.levels[0].mean_psi == pytest.approx(3.9)
+    assert result.relaxation is None
+    (problem,) = result.problems
+    assert problem.startswith("baseline: 3 of 16 markers were seen on the uninflated sheet")
+
+
+def test_a_pressure_out_of_its_band_says_so_and_keeps_the_numbers(trial):
+    gauge_psi = trial.pressures.gauge_psi.copy()
+    gauge_psi[np.argmin(np.abs(trial.pressures.time_s - 15.5))] = 4.02
+    result = derive(*trial.but(pressures=replace(trial.pressures, gauge_psi=gauge_psi)).parts)
+    assert result.levels[0].e_t_percent is not None
+    (problem,) = result.problems
+    assert "3.9 psi: the pressure left 3.9 +- 0.1 psi" in problem
+    assert "(3.900 to 4.020 psi)" in problem
+
+
+@pytest.mark.parametrize("edge_psi", [3.8, 4.0])
+def test_a_reading_on_the_edge_of_the_band_is_inside(trial, edge_psi):
+    pressures = replace(trial.pressures, gauge_psi=np.full(len(trial.pressures), edge_psi))
+    windows = trial.windows[:2]
+    assert derive(*trial.but(pressures=pressures, windows=windows).parts).problems == ()
+
+
+def test_a_window_without_a_pressure_says_so(trial):
+    gauge_psi = trial.pressures.gauge_psi.copy()
+    gauge_psi[(trial.pressures.time_s > 14) & (trial.pressures.time_s < 17)] = np.nan
+    result = derive(*trial.but(pressures=replace(trial.pressures, gauge_psi=gauge_psi)).parts)
+    assert result.levels[0].mean_psi is None
+    (problem,) = result.problems
+    assert problem.startswith("3.9 psi: no pressure was read in the window's 1 s")
+
+
+def test_a_stream_that_stalled_says_so(trial, made):
+    kept = (made.TIME_S < 15.4) | (made.TIME_S > 17)
+    frames = made.made_frames(made.TIME_S[kept], made.sheet_heights_mm(made.TIME_S[kept]))
+    result = derive(*trial.but(frames=frames).parts)
+    (problem,) = result.problems
+    assert problem.startswith("3.9 psi: 40 of about 100 frames came in 1 s, and at least 50% are needed")
+    assert result.clock.lost == 161
+
+
+def test_no_frame_at_all_is_a_result_too(trial, made):
+    none = made.made_frames(np.empty(0), np.empty((0, 16)))
+    result = derive(*trial.but(frames=none).parts)
+    assert (result.clock, result.levels, result.relaxation) == (None, (), None)
+    assert result.problems == ("no marker frame was recorded; check that the marker server streams",)
+
+
+def test_windows_after_the_last_frame_hold_nothing(trial):
+    windows = (trial.windows[0], Window("level", 60.0, 61.0, 3.9), Window("relaxing", 70.0, 80.0))
+    result = derive(*trial.but(windows=windows).parts)
+    assert result.levels[0].seen == (0,) * 16
+    assert result.levels[0].heights_mm == (None,) * 16
+    assert set(result.relaxation.height_mm) == {None}
+    assert result.relaxation.tau_s is None
+    assert sum("0 of about" in problem for problem in result.problems) == 2
+
+
+def test_a_server_clock_that_goes_back_places_no_frame(trial):
+    time_s = trial.frames.time_s.copy()
+    time_s[2000:] -= 7.0
+    result = derive(*trial.but(frames=replace(trial.frames, time_s=time_s)).parts)
+    (problem,) = result.problems
+    assert problem.startswith("the marker server's clock went back by 6.990 s after frame 2000 of 4000")
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_heights_need_exactly_one_baseline(trial, count):
+    windows = (trial.windows[0],) * count + trial.windows[1:2]
+    result = derive(*trial.but(windows=windows).parts)
+    assert result.levels[0].heights_mm == (None,) * 16
+    assert result.problems[0].startswith(f"baseline: {count} windows of the uninflated sheet are marked")
+
+
+def test_a_sheet_that_did_not_rise_has_no_e_t(trial, made):
+    flat = made.made_frames(made.TIME_S, np.zeros((len(made.TIME_S), 16)))
+    result = derive(*trial.but(frames=flat, windows=trial.windows[:2]).parts)
+    # Float32 positions are the only thing that differs.
+    assert result.levels[0].e_t_percent is None
+    assert "there is no shape to compare" in result.problems[0]
+
+
+def test_several_levels_stay_in_the_order_marked(trial):
+    windows = (trial.windows[0], Window("level", 17.0, 18.0, 3.85), Window("level", 13.0, 14.0, 3.9))
+    result = derive(*trial.but(windows=windows).parts)
+    assert [level.pressure_psi for level in result.levels] == [3.85, 3.9]
+
+
+def test_nothing_in_a_recording_raises(trial, made):
+    """Random damage: frames dropped, markers hidden, readings gone, windows anywhere."""
+    rng = random.Random(4)
+    draw = np.random.default_rng(4)
+    for _ in range(40):
+        kept = draw.random(len(made.TIME_S)) < rng.choice([0.0, 0.01, 0.3, 1.0])
+        time_s = made.TIME_S[kept]
+        frames = made.made_frames(time_s, made.sheet_heights_mm(time_s))
+        frames = made.hide(frames, rng.sample(range(16), rng.randrange(17)))
+        asked_s = np.arange(0, 40, 0.05)[draw.random(800) < rng.choice([0.0, 0.1, 1.0])]
+        windows = [
+            Window(
+                rng.choice(["baseline", "level", "relaxing"]),
+                start_s,
+                start_s + rng.choice([0.0, 0.1, 3]),
+                3.9,
+            )
+            for start_s in [rng.uniform(-5, 45) for _ in range(rng.randrange(4))]
+        ]
+        pressures = made.made_pressures(asked_s, made.pressure_at(asked_s))
+        result = derive(frames, pressures, (*windows, trial.windows[0]), trial.basis)
+        assert canonical(result)
