@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from labctl.cli.named_path import NamedPath
 from labctl.errors import BadInput
 
 if TYPE_CHECKING:
@@ -68,9 +69,7 @@ _OPTIONS = (
     click.option(
         "--targets", help="The shapes: cylinder,sphere or saddle,monkey-saddle, or as simulate --target."
     ),
-    click.option(
-        "--out", "out_path", type=click.Path(path_type=Path), help="The run's folder, new or empty."
-    ),
+    click.option("--out", "out_path", type=NamedPath(), help="The run's folder, new or empty."),
     click.option(
         "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of all random numbers."
     ),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from labctl.cli.interrupts import stop_on_signals
+from labctl.cli.named_path import NamedPath
 from labctl.cli.output import emit_json, table
 from labctl.cli.rigs import json_option
 from labctl.errors import BadInput, Stopped
@@ -27,7 +28,7 @@ _HEAD = "Evolved for "
 
 
 @click.command()
-@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("run", type=NamedPath())
 @click.option(
     "--published",
     is_flag=True,
@@ -43,10 +44,8 @@ def show(run: Path, published: bool, as_json: bool) -> None:
 
 
 @click.command()
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option(
-    "--out", "out_path", type=click.Path(path_type=Path), help="The design file.  [default: RUN/RULE.toml]"
-)
+@click.argument("run", type=NamedPath())
+@click.option("--out", "out_path", type=NamedPath(), help="The design file.  [default: RUN/RULE.toml]")
 @click.option(
     "--rule",
     type=click.Choice(_RULES),

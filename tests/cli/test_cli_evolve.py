@@ -98,6 +98,23 @@ def test_a_pick_replaces_picks_only(searched, capsys, name):
         assert run(["evolve", "pick", str(folder), "--out", str(folder.parent / "again.toml")]) == 0
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        [*SEARCH, "--out", ""],
+        ["--resume", "--out", ""],
+        ["show", ""],
+        ["pick", ""],
+        ["pick", "a", "--out", ""],
+    ],
+)
+def test_an_empty_name_is_not_this_folder(tmp_path, monkeypatch, capsys, command):
+    monkeypatch.chdir(tmp_path)
+
+    assert "it is empty: write a name, or . for this folder" in fails(capsys, *command)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_folder_whose_name_is_too_long(capsys):
     for command in (["show", "x" * 300], [*SEARCH, "--out", "x" * 300]):
         assert "File name too long" in fails(capsys, *command)
