@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,8 +19,12 @@ from labctl.config.rig import RigConfig
 from labctl.errors import LabError
 from labctl.stop import StopRequest
 
+if TYPE_CHECKING:
+    from labctl.config.design import Design
+
 _READY_TIMEOUT_S = 180.0
 _LOOK_S = 0.1
+_DOUBLES_FILE = "the doubles' own rig.toml"
 
 
 def rig_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -69,7 +73,19 @@ def chosen_rig(
         path = Path(folder) / "rig.toml"
         with _doubles_process(path, design_name, stop, speed):
             # The file is gone when a message that names it is read.
-            yield replace(load_rig(path), source="the doubles' own rig.toml")
+            yield replace(load_rig(path), source=_DOUBLES_FILE)
+
+
+def rig_to_be(rig_path: Path | None, design: "Design") -> RigConfig:
+    """The configuration that a command would work with; of doubles, which do not run, all but the addresses."""
+    from labctl.config.load import load_rig, rig_from_text
+    from labctl.doubles.rig_file import rig_toml
+    from labctl.doubles.settings import DoublesSettings
+
+    if rig_path is not None:
+        return load_rig(rig_path)
+    text = rig_toml(DoublesSettings(design=design), "/dev/null", "/dev/zero", "127.0.0.1", 0)
+    return replace(rig_from_text(text, "rig.toml"), source=_DOUBLES_FILE)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ import click
 from labctl.cli.ledgers import ledger_option
 from labctl.cli.outcome import Outcome
 from labctl.cli.output import ProgressLine
-from labctl.cli.rigs import chosen_rig, design_option, json_option, rig_option
+from labctl.cli.rigs import chosen_rig, design_option, json_option, rig_option, rig_to_be
 from labctl.errors import BadInput
 
 if TYPE_CHECKING:
@@ -86,6 +86,7 @@ def run(
     the next trial. Exit code 0 means that every trial is good and SAFE was read back.
     """
     from labctl.session.preparation import prepare
+    from labctl.session.request import plan
 
     if speed is not None and rig_path is not None:
         raise BadInput("--speed is for the command's own doubles; a rig.toml says its own speed")
@@ -102,6 +103,8 @@ def run(
 
         tell_plan(prepared, rig_path, as_json)
         return
+    # Refused before a ledger is made or doubles are started.
+    plan(prepared.protocol, prepared.request, prepared.design, rig_to_be(rig_path, prepared.design))
     with _opened(ledger, as_json) as (writer, stop, line):
         _measure(prepared, writer, stop, line, rig_path, design_name, speed, operator, note, as_json)
 

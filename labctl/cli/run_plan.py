@@ -1,15 +1,14 @@
 """`labctl run --dry-run`: the plan in words and times, every limit checked, no instrument touched."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.output import banner, emit_json, table
+from labctl.cli.output import banner, emit_json
+from labctl.cli.rigs import rig_to_be
 
 if TYPE_CHECKING:
-    from labctl.config.design import Design
     from labctl.config.rig import RigConfig
     from labctl.session.contract import Step
     from labctl.session.preparation import Prepared
@@ -25,7 +24,7 @@ def tell_plan(prepared: "Prepared", rig_path: Path | None, as_json: bool) -> Non
     from labctl.session.rehearsal import rehearse
     from labctl.session.request import plan
 
-    config = _rig(rig_path, prepared.design)
+    config = rig_to_be(rig_path, prepared.design)
     trials = plan(prepared.protocol, prepared.request, prepared.design, config)
     kinds = rehearse(trials)
     lasts_s = sum(kind.lasts_s for kind in kinds)
@@ -53,13 +52,10 @@ def _tell_kind(kind: "Rehearsed", trials: int) -> None:
     click.echo(f"trial {numbers} of {trials}: {kind.placement} {kind.pattern} at {pressures} psi")
     if kind.sheet:
         click.echo(f"on {kind.sheet}")
-    table(
-        ("", "step", "usually", "at most"),
-        [
-            (part, step.words, f"{step.lasts_s:.0f} s", f"{step.deadline_s:.0f} s")
-            for part, step in _steps(kind)
-        ],
-    )
+    width = max(len(step.words) for step in kind.checklist.steps)
+    click.echo(f"{'':10}{'step':{width}}  {'usually':>8}  {'at most':>8}")
+    for part, step in _steps(kind):
+        click.echo(f"{part:10}{step.words:{width}}  {step.lasts_s:6.0f} s  {step.deadline_s:6.0f} s")
 
 
 def _steps(kind: "Rehearsed") -> list[tuple[str, "Step"]]:
@@ -94,18 +90,6 @@ def _for_machines(
             for kind in kinds
         ],
     }
-
-
-def _rig(rig_path: Path | None, design: "Design") -> "RigConfig":
-    """The rig that would be used; of doubles, which do not run, all but the addresses."""
-    from labctl.config.load import load_rig, rig_from_text
-    from labctl.doubles.rig_file import rig_toml
-    from labctl.doubles.settings import DoublesSettings
-
-    if rig_path is not None:
-        return load_rig(rig_path)
-    text = rig_toml(DoublesSettings(design=design), "/dev/null", "/dev/zero", "127.0.0.1", 0)
-    return replace(rig_from_text(text, "rig.toml"), source="the doubles' own rig.toml")
 
 
 def _minutes(seconds: float) -> str:

@@ -88,7 +88,7 @@ def _perform(trial: Trial, at: Workplace, recorder: RawRecorder, windows: list[W
 
     def begin(step: Step) -> None:
         nonlocal present
-        present = step.words
+        present = f"trial {trial.number}: {step.words}"
         at.show(present, "")
 
     bench = Bench(at.rig, windows.append, lambda detail: at.show(present, detail))
