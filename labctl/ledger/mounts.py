@@ -12,9 +12,9 @@ _MOUNTS = Path("/proc/self/mountinfo")
 # memory that all its users share (https://www.sqlite.org/wal.html).
 _NETWORK_WORDS = """
     nfs nfs4 cifs smb2 smb3 smbfs ncpfs afs coda ceph glusterfs lustre beegfs beegfs_nodev gpfs orangefs pvfs2 gfs
-    gfs2 ocfs2 9p davfs acfs vboxsf vmhgfs prl_fs fuse.sshfs fuse.glusterfs fuse.ceph fuse.ceph-fuse fuse.s3fs fuse.rclone
-    fuse.gcsfuse fuse.goofys fuse.juicefs fuse.davfs2 fuse.smbnetfs fuse.curlftpfs fuse.gvfsd-fuse fuse.vmhgfs-fuse
-    fuse.moosefs fuse.mfs fuse.seaweedfs fuse.lizardfs
+    gfs2 ocfs2 9p davfs acfs vboxsf vmhgfs prl_fs fuse.sshfs fuse.glusterfs fuse.ceph fuse.ceph-fuse fuse.s3fs
+    fuse.rclone fuse.gcsfuse fuse.goofys fuse.juicefs fuse.davfs2 fuse.smbnetfs fuse.curlftpfs fuse.gvfsd-fuse
+    fuse.vmhgfs-fuse fuse.moosefs fuse.mfs fuse.seaweedfs fuse.lizardfs
 """
 NETWORK = frozenset(_NETWORK_WORDS.split())
 

@@ -21,8 +21,8 @@ _RECORD = ',"record":'
 class Row:
     """One row.
 
-    `seq` counts all rows of a ledger from 1; `run`, `trial` and `attempt` are the record's, where it has them; `at` is
-    when it was written, `text` the record as `labctl.ledger.record_text` writes it.
+    `seq` counts all rows of a ledger from 1; `run`, `trial` and `attempt` are the record's, where it has them. It was
+    written `at`; `text` is the record, as `labctl.ledger.record_text` writes it.
     """
 
     seq: int

@@ -12,6 +12,9 @@ from labctl.ledger.disk import is_damage
 from labctl.ledger.rows import Row
 from labctl.ledger.tables import KINDS, all_rows, check_ours, check_whole, row_at
 
+# The bytes that its moment, its checksum and its text take at the least.
+_SMALLEST_ROW = 100
+
 
 @dataclass(frozen=True)
 class Stored:
@@ -97,9 +100,14 @@ def _copied(path: Path) -> Iterator[Path]:
 def _salvaged(copy: Path, highest_seq: int) -> dict[int, Row]:
     """Rows that match their checksums, each asked for by itself, so that a damaged page spoils only its own."""
     rows: dict[int, Row] = {}
+    # A damaged page may claim any number: no more rows are looked for than the file has room for.
+    room = (copy.stat().st_size + (wal_of(copy).stat().st_size if _has_wal(copy) else 0)) // _SMALLEST_ROW
     with suppress(sqlite3.Error), closing(_connect(copy, "mode=rw")) as connection:
+        # With it SQLite reads on in a file that is shorter than its head says (btree.c, lockBtree).
+        connection.execute("PRAGMA writable_schema = ON")
         for kind in KINDS:
-            for seq in range(1, max(highest_seq, _highest_seen(connection, f"{kind}s")) + 1):
+            highest = min(room, max(highest_seq, _highest_seen(connection, f"{kind}s")))
+            for seq in range(1, highest + 1):
                 with suppress(sqlite3.Error):
                     row = row_at(connection, kind, seq)
                     if row is not None:
