@@ -19,6 +19,7 @@ from labctl.statistics.intervals import (
     bootstrap_mean,
     t_mean,
     welch_difference,
+    welch_p,
 )
 from labctl.statistics.summary import GoodLevel, GroupKey, good_levels, known_of, mean
 
@@ -160,14 +161,12 @@ def _over_trials(levels: Sequence[GoodLevel], other_levels: Sequence[GoodLevel])
     e_t, other_e_t = (known_of(good.level.e_t_percent for good in side) for side in (levels, other_levels))
     if not e_t or not other_e_t:
         return None
-    welch = welch_difference(e_t, other_e_t)
-    told_apart = welch is not None and welch.method == "welch-t"
     return OverTrials(
         trials=(len(e_t), len(other_e_t)),
         difference_percent=float(np.mean(other_e_t) - np.mean(e_t)),
-        welch=welch,
+        welch=welch_difference(e_t, other_e_t),
         bootstrap=bootstrap_difference(e_t, other_e_t),
-        welch_p=float(stats.ttest_ind(other_e_t, e_t, equal_var=False).pvalue) if told_apart else None,
+        welch_p=welch_p(e_t, other_e_t),
     )
 
 
