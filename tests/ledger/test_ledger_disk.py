@@ -1,0 +1,191 @@
+import errno
+import os
+import shutil
+import subprocess
+from contextlib import contextmanager
+
+import pytest
+from made_ledger import Told, a_run, a_trial, an_event, check_files_agree, make_ledger, not_a_word
+
+from labctl.errors import BadInput, LabError
+from labctl.ledger.ledger import Ledger
+from labctl.ledger.writer import LedgerWriter
+
+
+@contextmanager
+def mounted(folder, *options):
+    """A small disk of memory; the test is skipped where none can be mounted."""
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", ",".join(options), "none", str(folder)]
+    if os.geteuid() != 0 or shutil.which("mount") is None:
+        pytest.skip("a small disk is mounted by root only")
+    if subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("this machine mounts no tmpfs")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_full_disk_is_told_and_the_ledger_goes_on_when_it_has_room(tmp_path):
+    with mounted(tmp_path / "disk", "size=640k") as disk:
+        folder = disk / "ledger"
+        ballast = disk / "ballast"
+        ballast.write_bytes(b"x" * 200_000)
+        with LedgerWriter.open(folder, not_a_word) as ledger:
+            run = ledger.begin_run(a_run())
+            committed = 0
+            with pytest.raises(LabError, match=r"the disk is full.*free some space") as full:
+                while committed < 1000:
+                    ledger.add_trial(a_trial(run.number, 1, committed + 1))
+                    committed += 1
+            assert full.value.exit_code == 1
+            assert f"trial 1, attempt {committed + 1}, of run 1" in str(full.value)
+            with pytest.raises(LabError, match="the disk is full"):
+                ledger.add_trial(a_trial(run.number, 1, committed + 1))
+            with Ledger.open(folder, not_a_word) as reader:
+                assert len(reader.trials(run.number)) == committed
+
+            ballast.unlink()
+            ledger.add_trial(a_trial(run.number, 1, committed + 1))
+            trials = ledger.trials(run.number)
+
+        assert len(trials) == committed + 1 > 10
+        with LedgerWriter.open(folder, not_a_word) as ledger:
+            assert ledger.trials(run.number) == trials
+        check_files_agree(folder)
+
+
+def test_a_disk_that_is_full_from_the_start_takes_nothing_and_says_so(tmp_path):
+    with mounted(tmp_path / "disk", "size=192k") as disk:
+        kept = make_ledger(disk / "ledger", trials=1)
+        ballast = disk / "ballast"
+        with pytest.raises(OSError, match="No space"):
+            ballast.write_bytes(b"x" * 400_000)
+
+        with pytest.raises(BadInput, match="the disk is full"):
+            LedgerWriter.open(kept.folder, not_a_word)
+        with Ledger.open(kept.folder, not_a_word) as reader:
+            kept.check(reader)
+
+        ballast.unlink()
+        kept.check_all_there(not_a_word)
+
+
+def test_a_read_only_disk_can_be_read_and_is_refused_for_writing(tmp_path):
+    with mounted(tmp_path / "disk", "size=2m") as disk:
+        kept = make_ledger(disk / "closed")
+        with LedgerWriter.open(disk / "open", not_a_word) as writer:
+            run = writer.begin_run(a_run())
+            writer.add_trial(a_trial(run.number))
+            shutil.copytree(disk / "open", disk / "killed")
+            trials = writer.trials(run.number)
+        subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
+
+        with Ledger.open(kept.folder, not_a_word) as reader:
+            kept.check(reader)
+        with Ledger.open(disk / "killed", not_a_word) as reader:
+            assert reader.trials(run.number) == trials
+        with pytest.raises(
+            BadInput, match=r"Read-only file system .*Make the folder .* writable, or name another"
+        ):
+            LedgerWriter.open(kept.folder, not_a_word)
+        with pytest.raises(BadInput, match="Read-only file system"):
+            LedgerWriter.open(disk / "new", not_a_word)
+
+
+def test_a_folder_that_is_a_file(tmp_path):
+    (tmp_path / "ledger").write_text("not a folder")
+    for folder in (tmp_path / "ledger", tmp_path / "ledger" / "deeper"):
+        for kind in (Ledger, LedgerWriter):
+            with pytest.raises(BadInput, match=r"is a file, and a ledger is a folder; name another"):
+                kind.open(folder, not_a_word)
+
+
+def test_no_ledger_to_read(tmp_path):
+    with pytest.raises(BadInput, match=r"no ledger in .*; labctl run makes one"):
+        Ledger.open(tmp_path / "nowhere", not_a_word)
+    assert not (tmp_path / "nowhere").exists()
+
+
+def fail_once(monkeypatch, name, error, after=0):
+    """Let one call of a function of `os` fail."""
+    real, calls = getattr(os, name), []
+
+    def failing(*arguments):
+        calls.append(arguments)
+        if len(calls) == after + 1:
+            raise error
+        return real(*arguments)
+
+    monkeypatch.setattr(os, name, failing)
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EIO])
+@pytest.mark.parametrize("call", ["write", "fsync"])
+def test_an_append_that_fails_leaves_no_half_row(tmp_path, monkeypatch, number, call):
+    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+        run = ledger.begin_run(a_run())
+        fail_once(monkeypatch, call, OSError(number, os.strerror(number)))
+        with pytest.raises(LabError, match="writing trial 1, attempt 1, of run 1 failed"):
+            ledger.add_trial(a_trial(run.number))
+        monkeypatch.undo()
+        assert ledger.trials(run.number) == ()
+
+        ledger.add_trial(a_trial(run.number))
+    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+        assert len(ledger.trials(run.number)) == 1
+    check_files_agree(tmp_path)
+
+
+def test_after_half_a_line_that_cannot_be_cut_nothing_more_is_appended(tmp_path, monkeypatch):
+    told = Told()
+    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+        run = ledger.begin_run(a_run())
+        real = os.write
+        fail_once(monkeypatch, "write", OSError(errno.EIO, "Input/output error"), after=1)
+        half = os.write
+        monkeypatch.setattr(os, "write", lambda to, data: half(to, data[:100]))
+        fail_once(monkeypatch, "ftruncate", OSError(errno.EIO, "Input/output error"))
+        with pytest.raises(LabError, match="Input/output error"):
+            ledger.add_trial(a_trial(run.number))
+        monkeypatch.undo()
+        assert os.write is real
+        with pytest.raises(
+            LabError, match=r"was not written, since an earlier append failed .* open the ledger again"
+        ):
+            ledger.add_event(an_event(run.number))
+
+    with LedgerWriter.open(tmp_path, told) as ledger:
+        assert ledger.trials(run.number) == ()
+        ledger.add_trial(a_trial(run.number))
+    assert "set aside" in told.text
+    check_files_agree(tmp_path)
+
+
+def test_an_append_that_is_interrupted_is_settled_when_the_ledger_is_opened_again(tmp_path, monkeypatch):
+    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+        run = ledger.begin_run(a_run())
+
+        def interrupted(connection, rows):
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr("labctl.ledger.writer.insert", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            ledger.add_trial(a_trial(run.number))
+        monkeypatch.undo()
+        with pytest.raises(LabError, match="an earlier append was cut off"):
+            ledger.add_event(an_event(run.number))
+
+    with LedgerWriter.open(tmp_path, Told()) as ledger:
+        assert len(ledger.trials(run.number)) == 1
+    check_files_agree(tmp_path)
+
+
+def test_a_closed_ledger_takes_nothing(tmp_path):
+    ledger = LedgerWriter.open(tmp_path, not_a_word)
+    ledger.close()
+    ledger.close()
+
+    with pytest.raises(LabError, match="it was closed"):
+        ledger.begin_run(a_run())
