@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,6 +23,9 @@ _SQLITE_OUT_OF_REACH = {
     sqlite3.SQLITE_CANTOPEN,
     sqlite3.SQLITE_AUTH,
 }
+
+# Less than SQLite's write-ahead log and shared memory take to begin with.
+_ROOM = 64 * 1024
 
 
 def sync_folder(folder: Path) -> None:
@@ -70,7 +74,7 @@ def disk_errors(folder: Path, doing: str, kind: type[LabError] = LabError) -> It
     except OSError as error:
         raise kind(f"ledger {folder}: {doing} failed: {_why_os(error)}") from error
     except sqlite3.Error as error:
-        raise kind(f"ledger {folder}: {doing} failed: {_why_sqlite(error)}") from error
+        raise kind(f"ledger {folder}: {doing} failed: {_why_sqlite(error, folder)}") from error
 
 
 def _why_os(error: OSError) -> str:
@@ -82,9 +86,17 @@ def _why_os(error: OSError) -> str:
     return f"{error.strerror or error}{named}. {_LEFT}"
 
 
-def _why_sqlite(error: sqlite3.Error) -> str:
+def _free_bytes(folder: Path) -> int:
+    try:
+        return shutil.disk_usage(folder).free
+    except OSError:
+        return _ROOM
+
+
+def _why_sqlite(error: sqlite3.Error, folder: Path) -> str:
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-    if code == sqlite3.SQLITE_FULL:
+    # Where its shared memory finds no room SQLite says "disk I/O error" only.
+    if code == sqlite3.SQLITE_FULL or (code == sqlite3.SQLITE_IOERR and _free_bytes(folder) < _ROOM):
         return _FULL_WORDS
     if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM):
         return f"{error}: {_FORBIDDEN_WORDS}"
