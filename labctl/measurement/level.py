@@ -1,12 +1,11 @@
 """One pressure level: heights above the uninflated sheet, the pressure that was held, and e_t."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labctl.measurement.basis import Basis
-from labctl.measurement.marker_samples import samples_mm
 from labctl.measurement.recording import Recording
 from labctl.measurement.result import Heights, LevelResult
 from labctl.measurement.windows import Window
@@ -14,7 +13,7 @@ from labctl.mocap.errors import TooFewPoints
 from labctl.mocap.frame import SheetFrame
 from labctl.mocap.heights import inflation_heights_mm
 from labctl.mocap.transfer import TransferError, transfer_error
-from labctl.mocap.window import MarkerWindow
+from labctl.mocap.window import MarkerWindow, average
 from labctl.readings import MarkerFrames
 
 # A device tells its readings in hundredths: one that stands on the edge is inside.
@@ -77,17 +76,13 @@ def known(values: Floats) -> Heights:
 
 
 def _height_sd_mm(frames: MarkerFrames, basis: Basis, frame: SheetFrame) -> Floats:
-    """Standard deviation over the frames of each marker's height, (m,); NaN where it was seen less than twice."""
-    placed_mm = samples_mm(frames, [point.id for point in basis.points])
-    # Term by term: a matrix product may round otherwise on another number of cores.
-    height_mm = sum(placed_mm[:, :, axis] * frame.rotation[2, axis] for axis in range(3))
-    is_seen = np.isfinite(height_mm)
-    seen = is_seen.sum(axis=0)
-    often = np.maximum(seen, 2)
-    kept_mm = np.where(is_seen, height_mm, 0.0)
-    off_mm = np.where(is_seen, height_mm - kept_mm.sum(axis=0) / np.maximum(seen, 1), 0.0)
-    sd_mm = np.sqrt((off_mm**2).sum(axis=0) / (often - 1))
-    return np.where(seen >= 2, sd_mm, np.nan)
+    """Standard deviation over the frames of each marker's height, (m,); NaN where it was seen too seldom."""
+    # Term by term: a matrix product this long may round otherwise on another number of cores.
+    sheet_mm = frame.translation_mm + sum(
+        frames.positions_mm[:, [axis]].astype(np.float64) * frame.rotation[:, axis] for axis in range(3)
+    )
+    laid = replace(frames, positions_mm=sheet_mm.astype(np.float32))
+    return average(laid, [point.id for point in basis.points], basis.min_share).sd_mm[:, 2]
 
 
 def _sight_problem(heights_mm: Floats, basis: Basis) -> str | None:

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from labctl.measurement.basis import Basis
 from labctl.measurement.clock_fit import fit_clock, lab_time_s
-from labctl.measurement.marker_samples import average, between
 from labctl.measurement.result import ClockFit
-from labctl.mocap.window import MarkerWindow
+from labctl.mocap.frames import cut
+from labctl.mocap.window import MarkerWindow, average
 from labctl.readings import MarkerFrames, PressureSamples
 
 # A stream that brought less than this share of what was due had stalled.
@@ -31,7 +31,7 @@ class Recording:
     def frames_between(self, start_s: float, end_s: float) -> MarkerFrames:
         """The frames from `start_s` to before `end_s` of the laboratory's clock."""
         first, last = np.searchsorted(self.lab_s, [start_s, end_s])
-        return between(self.frames, int(first), int(last))
+        return cut(self.frames, int(first), int(last))
 
     def window_between(self, start_s: float, end_s: float) -> MarkerWindow | None:
         """The markers averaged from `start_s` to before `end_s`; None where no frame came."""
