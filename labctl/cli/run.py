@@ -77,7 +77,7 @@ def run(
     speed: float | None,
     design_name: str,
     rig_path: Path | None,
-    ledger: Path,
+    ledger_folder: Path,
     as_json: bool,
 ) -> None:
     """Run a protocol: five-trial, pressure-sweep, relaxation, layering, calibration, or your own.
@@ -92,7 +92,7 @@ def run(
         raise BadInput("--speed is for the command's own doubles; a rig.toml says its own speed")
     if continued is not None:
         _refuse_beside_continue(ctx)
-        _go_on(continued, rig_path, ledger, speed, operator, note, as_json)
+        _go_on(continued, rig_path, ledger_folder, speed, operator, note, as_json)
         return
     if protocol is None:
         raise BadInput(f"which protocol? {_protocols()}")
@@ -105,13 +105,13 @@ def run(
         return
     # Refused before a ledger is made or doubles are started.
     plan(prepared.protocol, prepared.request, prepared.design, rig_to_be(rig_path, prepared.design))
-    with _opened(ledger, as_json) as (writer, stop, line):
+    with _opened(ledger_folder, as_json) as (writer, stop, line):
         _measure(prepared, writer, stop, line, rig_path, design_name, speed, operator, note, as_json)
 
 
 def _refuse_beside_continue(ctx: click.Context) -> None:
     """What a run is was settled when it began."""
-    own = {"continued", "rig_path", "ledger", "speed", "operator", "note", "as_json"}
+    own = {"continued", "rig_path", "ledger_folder", "speed", "operator", "note", "as_json"}
     given = [
         name
         for name in ctx.params
@@ -128,7 +128,7 @@ def _refuse_beside_continue(ctx: click.Context) -> None:
 def _go_on(
     name: str,
     rig_path: Path | None,
-    ledger: Path,
+    ledger_folder: Path,
     speed: float | None,
     operator: str | None,
     note: str,
@@ -138,7 +138,7 @@ def _go_on(
 
     from labctl.session.preparation import prepare_again
 
-    with _opened(ledger, as_json) as (writer, stop, line), tempfile.TemporaryDirectory() as folder:
+    with _opened(ledger_folder, as_json) as (writer, stop, line), tempfile.TemporaryDirectory() as folder:
         prepared = prepare_again(writer, name)
         if prepared.run is not None and not prepared.run.simulated and rig_path is None:
             raise BadInput(f"run {prepared.run.number} was measured on a real rig: name it with --rig")
@@ -219,7 +219,9 @@ def _asked(
 
 
 @contextmanager
-def _opened(ledger: Path, as_json: bool) -> Iterator[tuple["LedgerWriter", "StopRequest", ProgressLine]]:
+def _opened(
+    ledger_folder: Path, as_json: bool
+) -> Iterator[tuple["LedgerWriter", "StopRequest", ProgressLine]]:
     """The ledger with its lock held, the operator's stop and the progress line: before any instrument is asked."""
     from labctl.cli.interrupts import stop_on_signals
     from labctl.ledger.writer import LedgerWriter
@@ -227,7 +229,7 @@ def _opened(ledger: Path, as_json: bool) -> Iterator[tuple["LedgerWriter", "Stop
     with ExitStack() as opened:
         stop = opened.enter_context(stop_on_signals())
         line = opened.enter_context(ProgressLine(quiet=as_json))
-        yield opened.enter_context(LedgerWriter.open(ledger, line.note)), stop, line
+        yield opened.enter_context(LedgerWriter.open(ledger_folder, line.note)), stop, line
 
 
 @contextmanager

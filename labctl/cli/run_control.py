@@ -13,25 +13,25 @@ if TYPE_CHECKING:
 
 @click.command()
 @ledger_option
-def pause(ledger: Path) -> None:
+def pause(ledger_folder: Path) -> None:
     """Let the run that goes on finish its trial, then wait, the rig SAFE, until `labctl resume`."""
-    _ask(ledger, "pause")
+    _ask(ledger_folder, "pause")
     click.echo("the run pauses after its present trial; labctl resume goes on")
 
 
 @click.command()
 @ledger_option
-def resume(ledger: Path) -> None:
+def resume(ledger_folder: Path) -> None:
     """Let a paused run go on."""
-    _ask(ledger, "resume")
+    _ask(ledger_folder, "resume")
     click.echo("the run goes on")
 
 
 @click.command()
 @ledger_option
-def abort(ledger: Path) -> None:
+def abort(ledger_folder: Path) -> None:
     """End the run that goes on: to SAFE at once, the present trial recorded as aborted."""
-    _ask(ledger, "abort")
+    _ask(ledger_folder, "abort")
     click.echo(
         "the run was asked to end; it reads SAFE back in its own terminal, and labctl runs shows how it ended"
     )

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.measurement.basis import Basis
-from labctl.measurement.clock_fit import fit_clock, lab_time_s
+from labctl.measurement.clock_fit import fit_clock, lab_times_s
 from labctl.measurement.result import ClockFit
 from labctl.mocap.frames import cut
 from labctl.mocap.window import MarkerWindow, average
@@ -68,4 +68,4 @@ def lay_out(frames: MarkerFrames, pressures: PressureSamples, basis: Basis) -> R
             "its frames have no place on the laboratory's clock; look whether the server was started anew"
         )
     clock = fit_clock(frames.time_s, frames.arrival_s, basis.frequency_hz)
-    return Recording(frames, lab_time_s(clock, frames.time_s), pressures, basis, clock)
+    return Recording(frames, lab_times_s(clock, frames.time_s), pressures, basis, clock)
