@@ -29,7 +29,7 @@ from pathlib import Path
 from labctl.ledger.ledger import Ledger
 
 LABCTL = [sys.executable, "-m", "labctl"]
-LONGEST_LIFE_S = 9.0
+LONGEST_LIFE_S = 12.0
 SAFE_WITHIN_S = 15.0
 _TRIAL = re.compile(r"trial (\d+) of \d+: (.*)")
 _RUN = re.compile(r"run (\d+):")

@@ -4,7 +4,7 @@ Each returns a `Step`: what it says, how long it lasts and may last, what it doe
 """
 
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,13 +31,13 @@ def wait_until_relaxed(rig: RigConfig) -> Step:
 
     def do(bench: Bench) -> None:
         bench.rig.fall_below(_UNINFLATED_PSI)
-        _wait_until_still(bench)
+        _wait_until_still(bench, rig.measurement.relax_timeout_s, "relax_timeout")
 
     wanted = rig.measurement
     return Step(
         f"wait until the sheet has relaxed (moves less than {wanted.still_mm:g} mm in {wanted.still_over_s:g} s)",
         lasts_s=_USUAL_STILL_S,
-        deadline_s=wanted.relax_timeout_s + rig.limits.vent_timeout_s,
+        deadline_s=wanted.relax_timeout_s + rig.limits.vent_timeout_s + _MARGIN_S,
         do=do,
     )
 
@@ -89,12 +89,12 @@ def hold_until_settled(pressure_psi: float, rig: RigConfig) -> Step:
 
     def do(bench: Bench) -> None:
         bench.rig.settle(pressure_psi, lambda reading: _show(bench, reading))
-        _wait_until_still(bench)
+        _wait_until_still(bench, rig.measurement.shape_timeout_s, "shape_timeout")
 
     return Step(
         f"hold {pressure_psi:.2f} +- {limits.hold_tolerance_psi:g} psi until pressure and shape have settled",
         limits.settle_s + _USUAL_STILL_S,
-        limits.settle_timeout_s + rig.measurement.relax_timeout_s,
+        limits.settle_timeout_s + rig.measurement.shape_timeout_s + _MARGIN_S,
         do,
         pressure_psi,
     )
@@ -142,30 +142,43 @@ def _capturing(
     return Step(words, rig.limits.capture_s, rig.limits.capture_s + _MARGIN_S, do, pressure_psi)
 
 
-def _wait_until_still(bench: Bench) -> None:
+def _wait_until_still(bench: Bench, timeout_s: float, setting: str) -> None:
     """Return when the markers have moved by less than the rig's `still_mm` over its `still_over_s`.
 
     Raises:
-        InstrumentError: they had not within `relax_timeout_s`.
+        InstrumentError: they had not within `timeout_s`, or too few of them were seen all that time.
     """
-    wanted = bench.rig.config.measurement
-    end_s = bench.rig.clock.now_s() + wanted.relax_timeout_s
+    wanted, clock = bench.rig.config.measurement, bench.rig.clock
+    end_s = clock.now_s() + timeout_s
     seen: deque[tuple[float, NDArray[np.float64]]] = deque()
     while True:
-        seen.append((bench.rig.clock.now_s(), _mean_mm(bench)))
+        place_mm = _mean_mm(bench)
+        seen.append((clock.now_s(), place_mm))
         while len(seen) > 1 and seen[-1][0] - seen[1][0] >= wanted.still_over_s:
             seen.popleft()
-        moved_mm = _moved_mm(seen[0][1], seen[-1][1])
-        if seen[-1][0] - seen[0][0] >= wanted.still_over_s:
+        moved_mm, span_s = _moved_mm(seen[0][1], place_mm), seen[-1][0] - seen[0][0]
+        if span_s >= wanted.still_over_s:
+            _require_seen(bench, [place_mm for _, place_mm in seen])
             if moved_mm < wanted.still_mm:
                 return
-            bench.show(f"moved {moved_mm:.2f} mm in {seen[-1][0] - seen[0][0]:.0f} s")
-        if bench.rig.clock.now_s() > end_s:
+            bench.show(f"moved {moved_mm:.2f} mm in {span_s:.0f} s")
+        if clock.now_s() > end_s:
             raise InstrumentError(
-                f"the sheet was not still within {wanted.relax_timeout_s:g} s: it moved by {moved_mm:.3f} mm (root "
-                f"mean square) in {wanted.still_over_s:g} s, and {wanted.still_mm:g} mm is the limit; look for a "
-                "leak, or raise measurement.still_within or relax_timeout"
+                f"the sheet was not still within {timeout_s:g} s: it moved by {moved_mm:.3f} mm (root mean square) in "
+                f"{span_s:.1f} s, and {wanted.still_mm:g} mm is the limit; look for a leak, or raise "
+                f"measurement.still_within or measurement.{setting}"
             )
+
+
+def _require_seen(bench: Bench, places_mm: Sequence[NDArray[np.float64]]) -> None:
+    """Refuse to wait on for markers of which too few were ever seen: a pressurised sheet is no place to wait."""
+    wanted = bench.rig.config.measurement
+    most = max(int(np.isfinite(place_mm[:, 0]).sum()) for place_mm in places_mm)
+    if most < wanted.min_points:
+        raise InstrumentError(
+            f"{most} of {len(places_mm[0])} markers were seen at most for {wanted.still_over_s:g} s, and at least "
+            f"{wanted.min_points} are needed (measurement.min_points); clear the cameras' view"
+        )
 
 
 def _mean_mm(bench: Bench) -> NDArray[np.float64]:

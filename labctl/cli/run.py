@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from labctl.cli.ledgers import ledger_option
+from labctl.cli.ledgers import ledger_option, tell
 from labctl.cli.outcome import Outcome
 from labctl.cli.output import ProgressLine
 from labctl.cli.rigs import chosen_rig, design_option, json_option, rig_option, rig_to_be
@@ -136,12 +136,16 @@ def _go_on(
 ) -> None:
     import tempfile
 
+    from labctl.ledger.ledger import Ledger
     from labctl.session.preparation import prepare_again
 
+    with Ledger.open(ledger_folder, tell) as read:
+        prepared = prepare_again(read, name)
+    if prepared.run is not None and not prepared.run.simulated and rig_path is None:
+        raise BadInput(f"run {prepared.run.number} was measured on a real rig: name it with --rig")
     with _opened(ledger_folder, as_json) as (writer, stop, line), tempfile.TemporaryDirectory() as folder:
+        # Another process may have finished it since.
         prepared = prepare_again(writer, name)
-        if prepared.run is not None and not prepared.run.simulated and rig_path is None:
-            raise BadInput(f"run {prepared.run.number} was measured on a real rig: name it with --rig")
         # The doubles' sheet is the one of the run, whatever became of the design's file.
         design = Path(folder) / "design.toml"
         design.write_text(prepared.design_text, encoding="utf-8")

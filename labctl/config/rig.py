@@ -127,8 +127,9 @@ class Limits:
 class MeasurementConfig:
     """When the sheet counts as still, and what a good measurement takes.
 
-    Still: over `still_over_s` the markers move by less than `still_mm`, root mean square. A trial counts when at
-    least `min_points` markers were seen in at least `min_share` of a window's frames.
+    Still: over `still_over_s` the markers move by less than `still_mm`, root mean square; the uninflated sheet within
+    `relax_timeout_s`, the inflated one within `shape_timeout_s`. A trial counts when at least `min_points` markers
+    were seen in at least `min_share` of a window's frames.
     """
 
     min_points: int
@@ -136,6 +137,7 @@ class MeasurementConfig:
     still_mm: float = 0.05
     still_over_s: float = 5.0
     relax_timeout_s: float = 600.0
+    shape_timeout_s: float = 120.0
 
 
 @dataclass(frozen=True)

@@ -260,8 +260,9 @@ class MeasurementSection(Section):
         MeasurementConfig.still_over_s
     )
     relax_timeout: Duration = MeasurementConfig.relax_timeout_s
+    shape_timeout: Duration = MeasurementConfig.shape_timeout_s
 
-    @field_validator("relax_timeout")
+    @field_validator("relax_timeout", "shape_timeout")
     @classmethod
     def _leaves_time_to_look(cls, timeout_s: float, info: ValidationInfo) -> float:
         still_over_s: Any = info.data.get("still_over")
@@ -277,6 +278,7 @@ class MeasurementSection(Section):
             still_mm=self.still_within,
             still_over_s=self.still_over,
             relax_timeout_s=self.relax_timeout,
+            shape_timeout_s=self.shape_timeout,
         )
 
 

@@ -141,6 +141,13 @@ def served(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def fast(tmp_path_factory):
+    """Doubles at twenty times their time, for runs of several trials."""
+    with serve_doubles(tmp_path_factory.mktemp("fast"), "--speed", "20") as doubles:
+        yield doubles
+
+
+@pytest.fixture(scope="session")
 def labctl():
     return run_labctl
 
