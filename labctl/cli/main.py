@@ -30,6 +30,8 @@ COMMANDS = {
     "simulate": ("labctl.cli.simulate", "simulate", "The shape of a pattern or of a voxel file."),
     "evolve": ("labctl.cli.evolve", "evolve", "Search for fiber layouts that take several shapes."),
     "compare": ("labctl.cli.compare", "compare", "Measured heights against a pattern's simulation."),
+    "runs": ("labctl.cli.runs", "runs", "The runs in the ledger, and how each stands."),
+    "show": ("labctl.cli.show", "show", "Everything about a run: trials, numbers, events, provenance."),
     "doubles": ("labctl.cli.doubles", "doubles", "Byte-level doubles of the instruments."),
 }
 

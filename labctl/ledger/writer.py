@@ -70,6 +70,8 @@ class LedgerWriter(Ledger):
     def begin_run(self, run: RunRecord) -> RunRecord:
         """Commit a run that has no number yet (0), with the next number; its folder for raw recordings is made.
 
+        What is returned is what will be read: lists where a `Json` field held tuples.
+
         Raises:
             LabError: it could not be committed, and is not there.
         """
@@ -83,7 +85,7 @@ class LedgerWriter(Ledger):
             with disk_errors(self.folder, f"making the folder of run {numbered.number}"):
                 make_folder(self.raw_folder(numbered))
             self._append(numbered, numbered.number)
-        return numbered
+            return self.run(numbered.number)
 
     def add_trial(self, trial: TrialRecord) -> None:
         """Commit an attempt at a trial.

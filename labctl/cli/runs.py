@@ -1,0 +1,137 @@
+"""`labctl runs`: the runs in the ledger, and how each stands."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from labctl.cli.ledgers import ledger_option, tell
+from labctl.cli.output import emit_json, table
+from labctl.cli.rigs import json_option
+
+if TYPE_CHECKING:
+    from labctl.ledger.ledger import Ledger
+    from labctl.ledger.records import RunRecord, TrialRecord
+    from labctl.ledger.state import RunState
+
+
+@dataclass(frozen=True)
+class Line:
+    """A run in a line. `planned` is None until its first trial is in; `e_t_percent` are the means of its groups."""
+
+    run: "RunRecord"
+    state: "RunState"
+    good: int
+    attempts: int
+    planned: int | None
+    e_t_percent: tuple[float, ...]
+
+
+@click.command()
+@ledger_option
+@json_option
+def runs(ledger_folder: Path, as_json: bool) -> None:
+    """The runs in the ledger: begun when, with what, how many good trials, e_t, and how each stands.
+
+    It can be asked while a run is being measured.
+    """
+    from labctl.ledger.ledger import Ledger
+
+    with Ledger.open(ledger_folder, tell) as ledger:
+        lines = [_line(ledger, run) for run in ledger.runs()]
+        lost = [dict(event.detail) for event in ledger.events(None) if event.kind == "lost"]
+    if as_json:
+        emit_json(
+            {"ledger": str(ledger_folder), "runs": [_for_machines(line) for line in lines], "lost": lost}
+        )
+        return
+    if lines:
+        table(
+            ("run", "begun", "protocol", "design", "patterns", "rig", "good", "e_t %", "state"),
+            [_for_people(line) for line in lines],
+        )
+    else:
+        click.echo(f"{ledger_folder}: no runs yet")
+    for detail in lost:
+        rows = ", ".join(f"row {seq} ({what})" for seq, what in detail["rows"].items())
+        click.echo(
+            f"\nlost when both files of the ledger were damaged: {rows or 'rows that cannot be named'}"
+        )
+
+
+def planned_trials(run: "RunRecord", trials: "Sequence[TrialRecord]") -> int | None:
+    """How many trials a run's request makes: `trials` of each placement, pattern and share of the pressures.
+
+    A trial takes one of the pressures or all of them; that is known from the first trial that was recorded.
+    """
+    asked = run.request
+    if not trials or not all(key in asked for key in ("trials", "patterns", "placements", "pressures_psi")):
+        return None
+    kinds = len(asked["patterns"]) * len(asked["placements"]) * len(asked["pressures_psi"])
+    return int(asked["trials"]) * kinds // max(1, len(trials[0].pressures_psi))
+
+
+def _line(ledger: "Ledger", run: "RunRecord") -> Line:
+    trials = ledger.trials(run.number)
+    good = {trial.number for trial in trials if trial.outcome == "good"}
+    return Line(
+        run=run,
+        state=ledger.state(run.number),
+        good=len(good),
+        attempts=len(trials),
+        planned=planned_trials(run, trials),
+        e_t_percent=_group_means(trials) if good else (),
+    )
+
+
+def _group_means(trials: "Iterable[TrialRecord]") -> tuple[float, ...]:
+    from labctl.statistics.summary import good_levels
+
+    means = []
+    for levels in good_levels(trials).values():
+        known = [good.level.e_t_percent for good in levels if good.level.e_t_percent is not None]
+        if known:
+            means.append(sum(known) / len(known))
+    return tuple(means)
+
+
+def _for_people(line: Line) -> tuple[str, ...]:
+    run = line.run
+    e_t = (
+        [f"{mean:.1f}" for mean in (min(line.e_t_percent), max(line.e_t_percent))]
+        if line.e_t_percent
+        else ["-"]
+    )
+    return (
+        str(run.number),
+        run.begun.wall[:16].replace("T", " "),
+        run.protocol,
+        run.design_name,
+        ", ".join(run.request.get("patterns", ())),
+        "SIMULATED" if run.simulated else run.rig_name,
+        f"{line.good} of {'?' if line.planned is None else line.planned}",
+        " to ".join(dict.fromkeys(e_t)),
+        line.state,
+    )
+
+
+def _for_machines(line: Line) -> dict[str, Any]:
+    run = line.run
+    return {
+        "number": run.number,
+        "begun": run.begun.wall,
+        "protocol": run.protocol,
+        "design": run.design_name,
+        "patterns": list(run.request.get("patterns", ())),
+        "rig": run.rig_name,
+        "simulated": run.simulated,
+        "state": line.state,
+        "good_trials": line.good,
+        "planned_trials": line.planned,
+        "attempts": line.attempts,
+        "e_t_mean_percent": list(line.e_t_percent),
+        "operator": run.operator,
+        "note": run.note,
+    }

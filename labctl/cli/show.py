@@ -1,0 +1,189 @@
+"""`labctl show RUN`: everything that the ledger holds of a run."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from labctl.cli.ledgers import ledger_option, tell
+from labctl.cli.output import emit_json, table
+from labctl.cli.rigs import json_option
+
+if TYPE_CHECKING:
+    from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
+    from labctl.ledger.state import RunState
+    from labctl.statistics.summary import Group
+
+# Said by the table of trials already.
+_TOLD_BY_TRIALS = ("trial-begun",)
+_LONGEST_DETAIL = 200
+
+
+@click.command()
+@click.argument("run_name", metavar="RUN")
+@ledger_option
+@json_option
+def show(run_name: str, ledger_folder: Path, as_json: bool) -> None:
+    """Everything about a run: how it was made, its trials with attempts and reasons, events, and its numbers.
+
+    RUN is its number, or 'last'. It can be asked while the run is being measured.
+    """
+    from labctl.ledger.ledger import Ledger
+    from labctl.statistics.summary import summarise, summary_to_json
+
+    with Ledger.open(ledger_folder, tell) as ledger:
+        run = ledger.find(run_name)
+        trials, events = ledger.trials(run.number), ledger.events(run.number)
+        state, raw_folder = ledger.state(run.number), ledger.raw_folder(run)
+    summary = summarise(run, trials)
+    if as_json:
+        emit_json(
+            {
+                "state": state,
+                "simulated": run.simulated,
+                "run": asdict(run),
+                "trials": [asdict(trial) for trial in trials],
+                "events": [asdict(event) for event in events],
+                "summary": summary_to_json(summary),
+                "raw_folder": str(raw_folder),
+            }
+        )
+        return
+    _tell_run(run, state, raw_folder)
+    _tell_trials(trials)
+    _tell_summary(summary.groups)
+    _tell_events(event for event in events if event.kind not in _TOLD_BY_TRIALS)
+
+
+def _tell_run(run: "RunRecord", state: "RunState", raw_folder: Path) -> None:
+    if run.simulated:
+        _say("SIMULATED RIG: measured on byte-level doubles, not on real instruments")
+    _say(f"run {run.number}: {run.protocol}, {state}")
+    asked = "; ".join(f"{name} {_words(value)}" for name, value in run.request.items() if name != "protocol")
+    lines = {
+        "begun": f"{run.begun.wall} by {run.operator or 'nobody named'}",
+        "note": run.note,
+        "asked for": asked,
+        "design": f"{run.design_name} ({run.design_source})",
+        "rig": run.rig_name,
+        **{name: _identity(identity) for name, identity in run.identities.items()},
+        "software": ", ".join(f"{name} {version}" for name, version in run.versions.items()),
+        "commit": run.commit or "none: it ran outside of a checkout",
+        "raw files": str(raw_folder),
+    }
+    width = max(map(len, lines))
+    for name, text in lines.items():
+        if text:
+            _say(f"  {name.ljust(width)}  {text}")
+
+
+def _identity(identity: Mapping[str, Any]) -> str:
+    serial, firmware = identity.get("serial_number"), identity.get("firmware")
+    parts = [
+        str(identity.get("model", "model not told")),
+        f"serial number {serial}" if serial else "serial number not told",
+        f"firmware {firmware}" if firmware else "firmware not told",
+    ]
+    return ", ".join([*parts, *identity.get("notes", ())])
+
+
+def _tell_trials(trials: "tuple[TrialRecord, ...]") -> None:
+    if not trials:
+        _say("\nno trial has been recorded yet")
+        return
+    _say("")
+    table(
+        (
+            "trial",
+            "attempt",
+            "placement",
+            "pattern",
+            "psi",
+            "outcome",
+            "e_t %",
+            "begun",
+            "took s",
+            "after it",
+        ),
+        [_trial_cells(trial) for trial in trials],
+    )
+    for trial in trials:
+        if trial.reason:
+            _say(f"trial {trial.number}, attempt {trial.attempt}, {trial.outcome}: {trial.reason}")
+
+
+def _trial_cells(trial: "TrialRecord") -> tuple[str, ...]:
+    from labctl.ledger.moment import seconds_between
+
+    levels = [] if trial.result is None else trial.result.get("levels", [])
+    return (
+        str(trial.number),
+        str(trial.attempt),
+        trial.placement,
+        trial.pattern,
+        ", ".join(f"{pressure:g}" for pressure in trial.pressures_psi),
+        trial.outcome,
+        ", ".join(_or_dash(level.get("e_t_percent"), 2) for level in levels) or "-",
+        trial.begun.wall[11:19],
+        f"{seconds_between(trial.begun, trial.ended):.0f}",
+        "SAFE" if trial.safe.get("safe") else "NOT SAFE",
+    )
+
+
+def _tell_summary(groups: "tuple[Group, ...]") -> None:
+    if not groups:
+        return
+    _say("")
+    relaxing = any(group.tau_mean_s is not None for group in groups)
+    head = ("placement", "pattern", "psi", "n", "e_t %", "sd", "95 % from", "to")
+    table(
+        (*head, "tau s", "sd") if relaxing else head,
+        [cells if relaxing else cells[: len(head)] for cells in map(_group_cells, groups)],
+    )
+
+
+def _group_cells(group: "Group") -> tuple[str, ...]:
+    return (
+        group.placement,
+        group.pattern,
+        f"{group.pressure_psi:g}",
+        str(group.trials),
+        _or_dash(group.e_t_mean_percent, 2),
+        _or_dash(group.e_t_sd_percent, 2),
+        _or_dash(group.e_t_low_percent, 2),
+        _or_dash(group.e_t_high_percent, 2),
+        _or_dash(group.tau_mean_s, 2),
+        _or_dash(group.tau_sd_s, 2),
+    )
+
+
+def _tell_events(events: "Iterable[EventRecord]") -> None:
+    lines = []
+    for event in events:
+        detail = "; ".join(
+            f"{name} {_words(value)}" for name, value in event.detail.items() if name != "summary"
+        )
+        if len(detail) > _LONGEST_DETAIL:
+            detail = f"{detail[:_LONGEST_DETAIL]} ..."
+        lines.append(f"{event.at.wall[:19].replace('T', ' ')}  {event.kind}  {detail}".rstrip())
+    if lines:
+        _say("\n" + "\n".join(lines))
+
+
+def _words(value: object) -> str:
+    if isinstance(value, (list, tuple)):
+        return ", ".join(map(_words, value))
+    if isinstance(value, Mapping):
+        return " ".join(f"{name} {_words(item)}" for name, item in value.items())
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _or_dash(value: float | None, decimals: int) -> str:
+    return "-" if value is None else f"{value:.{decimals}f}"
+
+
+def _say(text: str) -> None:
+    # What was typed in another code page than the terminal's is shown as far as it can be.
+    click.echo(text.encode("utf-8", "surrogateescape").decode("utf-8", "replace"))
