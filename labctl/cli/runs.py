@@ -37,6 +37,7 @@ def runs(ledger_folder: Path, as_json: bool) -> None:
 
     It can be asked while a run is being measured.
     """
+    from labctl.ledger.agreement import rows_in_words
     from labctl.ledger.ledger import Ledger
 
     with Ledger.open(ledger_folder, tell) as ledger:
@@ -55,7 +56,7 @@ def runs(ledger_folder: Path, as_json: bool) -> None:
     else:
         click.echo(f"{ledger_folder}: no runs yet")
     for detail in lost:
-        rows = ", ".join(f"row {seq} ({what})" for seq, what in detail["rows"].items())
+        rows = rows_in_words({int(seq): what for seq, what in detail["rows"].items()})
         click.echo(
             f"\nlost when both files of the ledger were damaged: {rows or 'rows that cannot be named'}"
         )

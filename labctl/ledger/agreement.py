@@ -25,7 +25,7 @@ class Lost:
 
     def words(self) -> str:
         """What is gone, for a person."""
-        parts = [f"row {seq} ({what})" for seq, what in sorted(self.rows.items())]
+        parts = [rows_in_words(self.rows)] if self.rows else []
         if self.unnamed:
             parts.append(f"{self.unnamed} damaged line(s) of {JOURNAL} that tell nothing of their rows")
         return ", ".join(parts)
@@ -51,6 +51,20 @@ class Found:
     def not_stored(self) -> tuple[Row, ...]:
         """Rows that the journal has and SQLite has not."""
         return tuple(row for row in self.rows if row.seq not in self.stored.rows)
+
+
+def rows_in_words(rows: Mapping[int, str]) -> str:
+    """Rows by number and what each is, neighbours of one kind together: "row 3 (an event), rows 5 to 8 (...)"."""
+    stretches: list[tuple[int, int, str]] = []
+    for seq, what in sorted(rows.items()):
+        if stretches and stretches[-1][1:] == (seq - 1, what):
+            stretches[-1] = (stretches[-1][0], seq, what)
+        else:
+            stretches.append((seq, seq, what))
+    return ", ".join(
+        f"row {first} ({what})" if first == last else f"rows {first} to {last} ({what})"
+        for first, last, what in stretches
+    )
 
 
 def look(folder: Path, *, live: bool) -> Found:

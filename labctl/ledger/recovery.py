@@ -1,11 +1,11 @@
 """Bringing a ledger's two files into agreement before anything more is written, keeping whatever was damaged."""
 
-import os
+import shutil
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 
-from labctl.ledger.agreement import Found, look
+from labctl.ledger.agreement import Found, look, rows_in_words
 from labctl.ledger.disk import sync_file, sync_folder
 from labctl.ledger.journal import JOURNAL, JournalWriter, write_journal
 from labctl.ledger.moment import Now
@@ -53,7 +53,7 @@ def _told_of_sqlite(found: Found) -> str:
     if found.stored.problem is not None:
         return f"{SQLITE} {found.stored.problem}: built again from {JOURNAL} and what can still be read of it"
     if found.not_stored:
-        named = ", ".join(f"row {row.seq} ({row.label()})" for row in found.not_stored)
+        named = rows_in_words({row.seq: row.label() for row in found.not_stored})
         return f"{SQLITE} lacks what {JOURNAL} has: {named}; put in"
     return ""
 
@@ -75,15 +75,13 @@ def _events(found: Found, now: Now, stamp: str) -> list[EventRecord]:
     events = []
     if found.not_stored and not found.empty:
         seqs = [row.seq for row in found.not_stored]
-        events.append(EventRecord(None, "restored", now(), {"rows": seqs, "sqlite": found.stored.problem}))
+        restored = {"rows": len(seqs), "first": seqs[0], "last": seqs[-1], "sqlite": found.stored.problem}
+        events.append(EventRecord(None, "restored", now(), restored))
     if found.lost:
         gone = {str(seq): what for seq, what in sorted(found.lost.rows.items())}
-        detail = {
-            "rows": gone,
-            "unnamed_lines": found.lost.unnamed,
-            "kept_aside": f"ledger.*.damaged-{stamp}",
-        }
-        events.append(EventRecord(None, "lost", now(), detail))
+        aside = f"ledger.*.damaged-{stamp}"
+        lost = {"rows": gone, "unnamed_lines": found.lost.unnamed, "kept_aside": aside}
+        events.append(EventRecord(None, "lost", now(), lost))
     return events
 
 
@@ -92,8 +90,8 @@ def _bring_journal(path: Path, found: Found, rows: list[Row], stamp: str) -> Non
     if not have.sound or list(have.rows) != rows[: len(have.rows)]:
         if have.there:
             aside = path.with_name(f"{path.name}.damaged-{stamp}")
-            # A second name: the first is never without its file.
-            os.link(path, aside)
+            shutil.copyfile(path, aside)
+            sync_file(aside)
             sync_folder(path.parent)
         write_journal(path, rows)
         return

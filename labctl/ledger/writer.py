@@ -3,7 +3,7 @@
 import sqlite3
 import threading
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Self
@@ -82,9 +82,16 @@ class LedgerWriter(Ledger):
         with self._guard:
             taken = [row.run for row in self._rows if row.run is not None]
             numbered = replace(run, number=1 + max([0, *taken, *numbers_on_disk(self.folder)]))
+            raw_folder = self.raw_folder(numbered)
             with disk_errors(self.folder, f"making the folder of run {numbered.number}"):
-                make_folder(self.raw_folder(numbered))
-            self._append(numbered, numbered.number)
+                make_folder(raw_folder)
+            try:
+                self._append(numbered, numbered.number)
+            except BaseException:
+                # Left there it would take the number of a run that never was.
+                with suppress(OSError):
+                    raw_folder.rmdir()
+                raise
             return self.run(numbered.number)
 
     def add_trial(self, trial: TrialRecord) -> None:
@@ -153,9 +160,13 @@ class LedgerWriter(Ledger):
                 insert(self._connection, [row])
             except sqlite3.Error as error:
                 self._unsure = f"an earlier append failed ({error})"
-                if not is_damage(error):
-                    self._journal.take_back(size)
-                    self._unsure = None
+                if is_damage(error):
+                    raise LabError(
+                        f"ledger {self.folder}: {SQLITE} has become damaged ({error}). {row.label()} is safe in "
+                        f"{JOURNAL}; open the ledger again, which repairs it"
+                    ) from error
+                self._journal.take_back(size)
+                self._unsure = None
                 raise
         self._rows.append(row)
         self._unsure = None

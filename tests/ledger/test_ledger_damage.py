@@ -76,7 +76,7 @@ def test_a_missing_sqlite_is_built_again_and_that_is_an_event(kept, told):
     with Ledger.open(kept.folder, not_a_word) as ledger:
         (event,) = ledger.events(None)
     assert event.kind == "restored"
-    assert event.detail == {"rows": list(range(1, 14)), "sqlite": "is missing"}
+    assert event.detail == {"rows": 13, "first": 1, "last": 13, "sqlite": "is missing"}
 
 
 @pytest.mark.parametrize("left", [0, 32, 56, 4000, None])
@@ -168,7 +168,7 @@ def test_rows_that_only_the_journal_has_are_put_in(kept, told):
         assert writer.trials(1) == trials
         (event,) = writer.events(None)
     assert event.kind == "restored"
-    assert event.detail["rows"] == [14]
+    assert (event.detail["rows"], event.detail["first"]) == (1, 14)
     check_files_agree(kept.folder)
 
 
@@ -221,10 +221,10 @@ def test_both_files_cut_short_say_which_rows_are_gone(kept, told, cut):
 
     if cut == "at a line":
         assert there == kept.trials[:5]
-        assert "row 11 (of unknown kind), row 12 (of unknown kind), row 13 (of unknown kind)" in told.text
+        assert "rows 11 to 13 (of unknown kind)" in told.text
     else:
         assert there == kept.trials[:4]
-        assert "row 10 (trial 5, attempt 1, of run 1), row 11 (of unknown kind)" in told.text
+        assert "row 10 (trial 5, attempt 1, of run 1), rows 11 to 13 (of unknown kind)" in told.text
     check_files_agree(kept.folder)
 
 

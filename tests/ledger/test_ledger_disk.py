@@ -1,6 +1,7 @@
 import errno
 import os
 import shutil
+import sqlite3
 import subprocess
 from contextlib import contextmanager
 
@@ -189,3 +190,33 @@ def test_a_closed_ledger_takes_nothing(tmp_path):
 
     with pytest.raises(LabError, match="it was closed"):
         ledger.begin_run(a_run())
+
+
+def test_a_run_that_could_not_begin_leaves_its_number_to_the_next(tmp_path, monkeypatch):
+    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+        fail_once(monkeypatch, "write", OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+        with pytest.raises(LabError, match="the disk is full"):
+            ledger.begin_run(a_run())
+        monkeypatch.undo()
+
+        assert ledger.begin_run(a_run()).number == 1
+
+
+def test_sqlite_that_becomes_damaged_under_a_writer_is_repaired_by_the_next(tmp_path, monkeypatch):
+    told = Told()
+    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+        run = ledger.begin_run(a_run())
+        malformed = sqlite3.DatabaseError("database disk image is malformed")
+        malformed.sqlite_errorcode = sqlite3.SQLITE_CORRUPT
+
+        def insert(connection, rows):
+            raise malformed
+
+        monkeypatch.setattr("labctl.ledger.writer.insert", insert)
+        with pytest.raises(LabError, match=r"trial 1, attempt 1, of run 1 is safe in ledger.journal; open"):
+            ledger.add_trial(a_trial(run.number))
+        monkeypatch.undo()
+
+    with LedgerWriter.open(tmp_path, told) as ledger:
+        assert ledger.trials(run.number) == (a_trial(run.number),)
+    assert "put in" in told.text
