@@ -41,7 +41,7 @@ def fit_clock(time_s: Times, arrival_s: Times, frequency_hz: float) -> ClockFit:
     # Relative to the first frame, so that the small differences keep their digits.
     elapsed_s = time_s - time_s[0]
     delay_s = (arrival_s - arrival_s[0]) - elapsed_s
-    # Of the frames that were read at once, all but the last only waited longer. The first frame is one end of the hull.
+    # Of the frames that were read at once, all but the last only waited longer; the first of all ends the hull.
     is_told = np.append(np.diff(arrival_s) != 0, True)
     is_told[0] = True
     drift, least_s = _floor(elapsed_s[is_told], delay_s[is_told], float(elapsed_s.mean()))
