@@ -9,6 +9,7 @@ import queue
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -53,7 +54,7 @@ class RawRecorder:
 
     def __init__(self, folder: Path, stem: str) -> None:
         self._folder, self._stem = folder, _free_stem(folder, stem)
-        self._waiting: queue.SimpleQueue[MarkerFrames | PressureSample | None] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[_Group | None] = queue.SimpleQueue()
         self._taken_frames = self._written_frames = 0
         self._batches: list[MarkerFrames] = []
         self._batched_frames = 0
@@ -82,11 +83,17 @@ class RawRecorder:
                 "put the ledger on a faster one"
             )
         self._taken_frames += len(frames)
-        self._waiting.put(frames)
+        self._batches.append(frames)
+        self._batched_frames += len(frames)
+        # A group at a time: to wake the writing thread for each batch would cost more than the batch.
+        if self._batched_frames >= _GROUP_FRAMES:
+            self._pass_on_frames()
 
     def take_pressure(self, sample: PressureSample) -> None:
-        """Take the next pressure."""
-        self._waiting.put(sample)
+        """Take the next pressure; from one thread at a time."""
+        self._samples.append(sample)
+        if len(self._samples) >= _GROUP_PRESSURES:
+            self._pass_on_pressures()
 
     def fail(self, error: Exception) -> None:
         """Keep an error, to be told by `finish`; the first counts."""
@@ -126,6 +133,8 @@ class RawRecorder:
         if self._ended:
             raise RecordingFailed(f"{self._folder / self._stem}: this recording was finished before")
         self._ended = True
+        self._pass_on_frames()
+        self._pass_on_pressures()
         self._waiting.put(None)
         self._thread.join(_JOIN_TIMEOUT_S)
         if self._thread.is_alive():
@@ -140,44 +149,38 @@ class RawRecorder:
             with suppress(OSError):
                 file.unfinished.unlink()
 
+    def _pass_on_frames(self) -> None:
+        if self._batches:
+            self._waiting.put(
+                _Group("frames", self._batched_frames, partial(tables.frames_table, self._batches))
+            )
+        self._batches, self._batched_frames = [], 0
+
+    def _pass_on_pressures(self) -> None:
+        if self._samples:
+            self._waiting.put(_Group("pressures", 0, partial(tables.pressures_table, self._samples)))
+        self._samples = []
+
     def _write(self) -> None:
-        goes_on = True
-        while (item := self._waiting.get()) is not None:
+        is_whole = True
+        while (group := self._waiting.get()) is not None:
             # When nothing can be written any more the queue is emptied all the same: it must not fill the memory.
-            goes_on = goes_on and self._succeeds(partial(self._keep, item))
-            if isinstance(item, MarkerFrames):
-                self._written_frames += len(item)
-        for write in (self._write_frames, self._write_pressures):
-            goes_on = goes_on and self._succeeds(write)
+            if is_whole:
+                try:
+                    self._files[group.kind].write(group.table())
+                except Exception as error:  # this thread has nobody to raise to
+                    self.fail(error)
+                    is_whole = False
+            self._written_frames += group.frames
 
-    def _succeeds(self, write: Callable[[], None]) -> bool:
-        try:
-            write()
-        except Exception as error:  # this thread has nobody to raise to
-            self.fail(error)
-            return False
-        return True
 
-    def _keep(self, item: MarkerFrames | PressureSample) -> None:
-        if isinstance(item, MarkerFrames):
-            self._batches.append(item)
-            self._batched_frames += len(item)
-            if self._batched_frames >= _GROUP_FRAMES:
-                self._write_frames()
-        else:
-            self._samples.append(item)
-            if len(self._samples) >= _GROUP_PRESSURES:
-                self._write_pressures()
+@dataclass(frozen=True)
+class _Group:
+    """Samples that are written together: into which file, how many marker frames, and how to make their table."""
 
-    def _write_frames(self) -> None:
-        batches, self._batches, self._batched_frames = self._batches, [], 0
-        if batches:
-            self._files["frames"].write(tables.frames_table(batches))
-
-    def _write_pressures(self) -> None:
-        samples, self._samples = self._samples, []
-        if samples:
-            self._files["pressures"].write(tables.pressures_table(samples))
+    kind: str
+    frames: int
+    table: Callable[[], pa.Table]
 
 
 def read_frames(path: Path) -> MarkerFrames:

@@ -196,7 +196,8 @@ def test_what_could_not_be_taken_fails_the_recording(tmp_path):
 def test_a_disk_that_does_not_keep_up_does_not_fill_the_memory(tmp_path, monkeypatch):
     hold = threading.Event()
     monkeypatch.setattr(raw_module, "_MOST_WAITING", 100)
-    monkeypatch.setattr(RawRecorder, "_keep", lambda self, item: hold.wait(10))
+    monkeypatch.setattr(raw_module, "_GROUP_FRAMES", 20)
+    monkeypatch.setattr(ParquetInMaking, "write", lambda self, table: hold.wait(10))
     recorder = RawRecorder(tmp_path, STEM)
     with pytest.raises(RecordingFailed, match="does not keep up"):
         for _ in range(20):

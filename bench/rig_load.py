@@ -1,0 +1,249 @@
+"""What a full marker stream costs the rig's process, and whether its supervisor stays on time (make bench-rig).
+
+A marker server and a regulator with its valves run in processes of their own and answer byte for byte. This process
+holds the sheet inflated under its supervisor and records everything; then the same with hardly any markers, for the
+difference. CPU is that of all threads of this process, as a share of one core.
+"""
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from bench_report import heading, machine, row
+
+from labctl.config.design import Design, Fiber, SheetSpec
+from labctl.config.load import load_rig
+from labctl.config.rig import MarkerPoint, RigConfig
+from labctl.doubles.markers import MarkerSettings
+from labctl.doubles.serve import Doubles
+from labctl.doubles.settings import DoublesSettings
+from labctl.doubles.sheet import Ladder
+from labctl.ledger.raw import RawRecorder, read_frames, read_pressures
+from labctl.measurement.clock_fit import fit_clock
+from labctl.readings import MarkerFrames, PressureSamples
+from labctl.rig import Rig
+from labctl.safety.supervisor import POLL_PERIOD_S
+from labctl.stop import StopRequest
+
+MARKERS = 72
+FREQUENCY_HZ = 960.0
+# What stands for no markers: the server sends no fewer.
+IDLE_HZ = 1.0
+PRESSURE_PSI = 2.0
+CPU_BAR_PERCENT = 10.0
+JITTER_BAR_MS = 2.0
+
+POINTS = tuple(
+    MarkerPoint(number, 26.0 + 11.0 * (number % 9), 31.5 + 11.0 * (number // 9)) for number in range(MARKERS)
+)
+DESIGN = Design(
+    "rod",
+    "bench",
+    SheetSpec(140.0, "published", 3.9, 0.176),
+    (Fiber("rod", "top", (70.0, 10.0), (70.0, 130.0), 4),),
+    {"rod": frozenset({"rod"})},
+)
+
+
+class Bowl:
+    """A sheet that rises at its rim; the simulator's shapes would load the machine."""
+
+    def ladder(self, jammed: frozenset[str]) -> Ladder:
+        """The same for every pattern."""
+        flat_mm = np.array([(point.x_mm, point.y_mm, 0.0) for point in POINTS])
+        rise_mm = np.zeros_like(flat_mm)
+        rise_mm[:, 2] = np.hypot(flat_mm[:, 0] - 70, flat_mm[:, 1] - 70) / 10
+        return Ladder(np.array([0.0, 0.2]), np.array([flat_mm, flat_mm + rise_mm]))
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """One stretch of recording.
+
+    `due` frames by the server's own times, from the first to the last; `late_ms` how late the supervisor's looks
+    began (median, 99th percentile, worst).
+    """
+
+    seconds: float
+    due: int
+    received: int
+    recorded: int
+    lost: int
+    cpu_percent: float
+    ticks: int
+    late_p50_ms: float
+    late_p99_ms: float
+    late_max_ms: float
+    delay_p99_ms: float
+    raw_mb: float
+    memory_mib: float
+
+
+class Counter:
+    """Counts the frames on their way to a recorder."""
+
+    def __init__(self, recorder: RawRecorder) -> None:
+        self.frames = 0
+        self.take_pressure, self.fail = recorder.take_pressure, recorder.fail
+        self._take_frames = recorder.take_frames
+
+    def take_frames(self, frames: MarkerFrames) -> None:
+        """Count and hand on."""
+        self.frames += len(frames)
+        self._take_frames(frames)
+
+
+def serve(rig_toml: Path) -> None:
+    """Be a process of doubles until standard input closes; the rig's configuration is written to `rig_toml`."""
+    settings = DoublesSettings(DESIGN, markers=MarkerSettings(points=POINTS, dropout=0.0))
+    with Doubles(settings, shapes=Bowl()) as doubles:
+        unfinished = rig_toml.with_suffix(".unfinished")
+        unfinished.write_text(doubles.rig_toml())
+        unfinished.rename(rig_toml)
+        sys.stdin.read()
+
+
+@contextmanager
+def served(folder: Path, name: str) -> Iterator[RigConfig]:
+    """Doubles in a process of their own."""
+    path = folder / f"{name}.toml"
+    process = subprocess.Popen([sys.executable, __file__, "--serve", str(path)], stdin=subprocess.PIPE)
+    try:
+        while not path.exists():
+            if process.poll() is not None:
+                sys.exit(f"the doubles of {name} did not start")
+            time.sleep(0.05)
+        yield load_rig(path)
+    finally:
+        process.communicate(timeout=30)
+
+
+def lateness_ms(samples: PressureSamples) -> np.ndarray:
+    """How late each look of the supervisor began, in ms.
+
+    It is due a period after the one before was; one that took longer than that is followed at once.
+    """
+    due_s, late_s = samples.asked_s[0], []
+    for asked_s, came_s in zip(samples.asked_s, samples.came_s, strict=True):
+        late_s.append(asked_s - due_s)
+        due_s = max(due_s + POLL_PERIOD_S, came_s)
+    # The first look was itself a little late.
+    return 1e3 * (np.array(late_s) - min(late_s))
+
+
+def record(config: RigConfig, seconds: float, folder: Path) -> Load:
+    """Hold the sheet inflated and record for `seconds`."""
+    stop = StopRequest()
+    with Rig(config, stop=stop, tell=print) as rig:
+        rig.make_safe()
+        rig.jam({4})
+        rig.start_control()
+        rig.ramp_to(PRESSURE_PSI, lambda _: None)
+        rig.settle(PRESSURE_PSI, lambda _: None)
+        recorder = RawRecorder(folder, f"raw/{config.markers.frequency_hz:g}-hz")
+        counter = Counter(recorder)
+        with rig.recording(counter):
+            started_s, started_cpu_s = time.monotonic(), time.process_time()
+            rig.wait(seconds)
+            took_s = time.monotonic() - started_s
+            cpu_s = time.process_time() - started_cpu_s
+    raw = recorder.finish()
+    memory_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    frames, samples = read_frames(folder / raw["frames"].path), read_pressures(folder / raw["pressures"].path)
+    fit = fit_clock(frames.time_s, frames.arrival_s, config.markers.frequency_hz)
+    late_ms = lateness_ms(samples)
+    return Load(
+        seconds=took_s,
+        due=fit.frames + fit.lost,
+        received=counter.frames,
+        recorded=len(frames),
+        lost=fit.lost,
+        cpu_percent=100 * cpu_s / took_s,
+        ticks=len(samples),
+        late_p50_ms=float(np.percentile(late_ms, 50)),
+        late_p99_ms=float(np.percentile(late_ms, 99)),
+        late_max_ms=float(late_ms.max()),
+        delay_p99_ms=1e3 * fit.delay_p99_s,
+        raw_mb=raw["frames"].size_bytes / 1e6,
+        memory_mib=memory_mib,
+    )
+
+
+def report(name: str, load: Load) -> None:
+    """A line of the table."""
+    late = f"{load.late_p50_ms:.2f} / {load.late_p99_ms:.2f} / {load.late_max_ms:.2f}"
+    row(
+        name,
+        f"{load.seconds:.0f} s",
+        f"{load.due} / {load.received} / {load.recorded} / {load.lost}",
+        f"{load.cpu_percent:.1f} %",
+        late,
+        f"{load.delay_p99_ms:.1f} ms",
+        f"{load.raw_mb:.1f} MB",
+        f"{load.memory_mib:.0f} MiB",
+    )
+
+
+def main() -> None:
+    """Run both stretches and print them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=600.0, help="of the full stream")
+    parser.add_argument("--out", type=Path, help="write the numbers here, as JSON")
+    parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.serve is not None:
+        serve(options.serve)
+        return
+    with ExitStack() as opened:
+        folder = Path(opened.enter_context(tempfile.TemporaryDirectory(dir=".", prefix=".bench-rig-")))
+        config = opened.enter_context(served(folder, "regulator"))
+        markers = opened.enter_context(served(folder, "markers")).markers
+        print(f"Machine: {machine()}. {MARKERS} markers.\n")
+        heading(
+            "stream",
+            "recorded for",
+            "frames due / received / recorded / lost",
+            "CPU of one core",
+            "tick late by p50 / p99 / worst, ms",
+            "frame on the way, p99",
+            "raw file",
+            "most memory",
+        )
+        idle = record(
+            replace(config, markers=replace(markers, frequency_hz=IDLE_HZ)), options.seconds / 10, folder
+        )
+        report(f"{IDLE_HZ:g} Hz", idle)
+        full = record(
+            replace(config, markers=replace(markers, frequency_hz=FREQUENCY_HZ)), options.seconds, folder
+        )
+        report(f"{FREQUENCY_HZ:g} Hz", full)
+    ingest_percent = full.cpu_percent - idle.cpu_percent
+    print(
+        f"\nIngest: {ingest_percent:.1f} % of one core beside the control loop ({CPU_BAR_PERCENT:g} % at most),"
+    )
+    print(
+        f"{1e4 * ingest_percent * full.seconds / full.recorded:.0f} us a frame; {full.lost} frames lost; the"
+    )
+    print(
+        f"supervisor's 20 Hz late by {full.late_p99_ms:.2f} ms at the 99th percentile ({JITTER_BAR_MS:g} ms at most)."
+    )
+    if options.out is not None:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        numbers = {"machine": machine(), "markers": MARKERS, "idle": asdict(idle), "full": asdict(full)}
+        options.out.write_text(json.dumps(numbers | {"ingest_percent": ingest_percent}, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
