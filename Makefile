@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 COMPUTING := tests/sim tests/evolve tests/evolution tests/report
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test check format bench-sim bench-evolve bench-protocols bench-kill clean
+.PHONY: inflate test check format bench-sim bench-evolve bench-protocols bench-kill bench-rig clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -34,6 +34,9 @@ bench-protocols: $(INSTALLED)  ## all five protocols on doubles at 20 times thei
 
 bench-kill: $(INSTALLED)  ## kill -9 at 200 random moments of a run: about half an hour
 	$(BIN)/python bench/kill_run.py
+
+bench-rig: $(INSTALLED)  ## ingest, recording and the supervisor under 72 markers at 960 Hz: about 12 minutes
+	$(BIN)/python bench/rig_load.py --out runs/bench/rig.json
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

@@ -27,9 +27,9 @@ from labctl.doubles.markers import MarkerSettings
 from labctl.doubles.serve import Doubles
 from labctl.doubles.settings import DoublesSettings
 from labctl.doubles.sheet import Ladder
-from labctl.ledger.raw import RawRecorder, read_frames, read_pressures
+from labctl.ledger.raw import RawRecorder, read_frames
 from labctl.measurement.clock_fit import fit_clock
-from labctl.readings import MarkerFrames, PressureSamples
+from labctl.readings import MarkerFrames
 from labctl.rig import Rig
 from labctl.safety.supervisor import POLL_PERIOD_S
 from labctl.stop import StopRequest
@@ -38,6 +38,8 @@ MARKERS = 72
 FREQUENCY_HZ = 960.0
 # What stands for no markers: the server sends no fewer.
 IDLE_HZ = 1.0
+# On the disk that runs are on, which a folder for temporary files may not be.
+RECORDINGS = Path("runs")
 PRESSURE_PSI = 2.0
 CPU_BAR_PERCENT = 10.0
 JITTER_BAR_MS = 2.0
@@ -68,12 +70,24 @@ class Bowl:
         """Nothing is open."""
 
 
+SLEEPER = f"""
+import sys, threading, time
+late_s, due_s, over = [], time.monotonic(), threading.Event()
+threading.Thread(target=lambda: (sys.stdin.read(), over.set()), daemon=True).start()
+while not over.is_set():
+    late_s.append(time.monotonic() - due_s)
+    due_s += {POLL_PERIOD_S}
+    over.wait(max(0.0, due_s - time.monotonic()))
+print(*late_s)
+"""
+
+
 @dataclass(frozen=True)
 class Load:
     """One stretch of recording.
 
-    `due` frames by the server's own times, from the first to the last; `late_ms` how late the supervisor's looks
-    began (median, 99th percentile, worst).
+    `due` frames by the server's own times, from the first to the last; `late` is how late the supervisor's looks
+    began, `machine_late` how late a process was that only sleeps at 20 Hz beside it: what the machine itself adds.
     """
 
     seconds: float
@@ -86,6 +100,9 @@ class Load:
     late_p50_ms: float
     late_p99_ms: float
     late_max_ms: float
+    machine_late_p50_ms: float
+    machine_late_p99_ms: float
+    machine_late_max_ms: float
     delay_p99_ms: float
     raw_mb: float
     memory_mib: float
@@ -130,17 +147,17 @@ def served(folder: Path, name: str) -> Iterator[RigConfig]:
         process.communicate(timeout=30)
 
 
-def lateness_ms(samples: PressureSamples) -> np.ndarray:
-    """How late each look of the supervisor began, in ms.
-
-    It is due a period after the one before was; one that took longer than that is followed at once.
-    """
-    due_s, late_s = samples.asked_s[0], []
-    for asked_s, came_s in zip(samples.asked_s, samples.came_s, strict=True):
-        late_s.append(asked_s - due_s)
-        due_s = max(due_s + POLL_PERIOD_S, came_s)
-    # The first look was itself a little late.
-    return 1e3 * (np.array(late_s) - min(late_s))
+@contextmanager
+def sleeping() -> Iterator[list[float]]:
+    """A process that only sleeps, meanwhile; how late it woke each time, in ms, is there at the end."""
+    late_ms: list[float] = []
+    command = [sys.executable, "-c", SLEEPER]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        yield late_ms
+    finally:
+        said, _ = process.communicate(timeout=30)
+        late_ms += [1e3 * float(word) for word in said.split()]
 
 
 def record(config: RigConfig, seconds: float, folder: Path) -> Load:
@@ -155,15 +172,18 @@ def record(config: RigConfig, seconds: float, folder: Path) -> Load:
         recorder = RawRecorder(folder, f"raw/{config.markers.frequency_hz:g}-hz")
         counter = Counter(recorder)
         with rig.recording(counter):
+            first_tick = len(rig._supervisor.late_s)
             started_s, started_cpu_s = time.monotonic(), time.process_time()
-            rig.wait(seconds)
+            with sleeping() as machine_late_ms:
+                rig.wait(seconds)
             took_s = time.monotonic() - started_s
             cpu_s = time.process_time() - started_cpu_s
+            late_ms = 1e3 * np.array(rig._supervisor.late_s)[first_tick:]
+    machine_ms = np.array(machine_late_ms)
     raw = recorder.finish()
     memory_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    frames, samples = read_frames(folder / raw["frames"].path), read_pressures(folder / raw["pressures"].path)
+    frames = read_frames(folder / raw["frames"].path)
     fit = fit_clock(frames.time_s, frames.arrival_s, config.markers.frequency_hz)
-    late_ms = lateness_ms(samples)
     return Load(
         seconds=took_s,
         due=fit.frames + fit.lost,
@@ -171,10 +191,13 @@ def record(config: RigConfig, seconds: float, folder: Path) -> Load:
         recorded=len(frames),
         lost=fit.lost,
         cpu_percent=100 * cpu_s / took_s,
-        ticks=len(samples),
+        ticks=len(late_ms),
         late_p50_ms=float(np.percentile(late_ms, 50)),
         late_p99_ms=float(np.percentile(late_ms, 99)),
         late_max_ms=float(late_ms.max()),
+        machine_late_p50_ms=float(np.percentile(machine_ms, 50)),
+        machine_late_p99_ms=float(np.percentile(machine_ms, 99)),
+        machine_late_max_ms=float(machine_ms.max()),
         delay_p99_ms=1e3 * fit.delay_p99_s,
         raw_mb=raw["frames"].size_bytes / 1e6,
         memory_mib=memory_mib,
@@ -184,12 +207,16 @@ def record(config: RigConfig, seconds: float, folder: Path) -> Load:
 def report(name: str, load: Load) -> None:
     """A line of the table."""
     late = f"{load.late_p50_ms:.2f} / {load.late_p99_ms:.2f} / {load.late_max_ms:.2f}"
+    slept = (
+        f"{load.machine_late_p50_ms:.2f} / {load.machine_late_p99_ms:.2f} / {load.machine_late_max_ms:.2f}"
+    )
     row(
         name,
         f"{load.seconds:.0f} s",
         f"{load.due} / {load.received} / {load.recorded} / {load.lost}",
         f"{load.cpu_percent:.1f} %",
         late,
+        slept,
         f"{load.delay_p99_ms:.1f} ms",
         f"{load.raw_mb:.1f} MB",
         f"{load.memory_mib:.0f} MiB",
@@ -206,8 +233,9 @@ def main() -> None:
     if options.serve is not None:
         serve(options.serve)
         return
+    RECORDINGS.mkdir(exist_ok=True)
     with ExitStack() as opened:
-        folder = Path(opened.enter_context(tempfile.TemporaryDirectory(dir=".", prefix=".bench-rig-")))
+        folder = Path(opened.enter_context(tempfile.TemporaryDirectory(dir=RECORDINGS)))
         config = opened.enter_context(served(folder, "regulator"))
         markers = opened.enter_context(served(folder, "markers")).markers
         print(f"Machine: {machine()}. {MARKERS} markers.\n")
@@ -217,6 +245,7 @@ def main() -> None:
             "frames due / received / recorded / lost",
             "CPU of one core",
             "tick late by p50 / p99 / worst, ms",
+            "a bare sleeper's",
             "frame on the way, p99",
             "raw file",
             "most memory",

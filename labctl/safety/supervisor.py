@@ -11,6 +11,7 @@ when it has looked at the rig: a hang anywhere in between is the guard's to end.
 """
 
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -65,7 +66,7 @@ class Watchdog(Protocol):
 
 
 class Supervisor:
-    """Watches one rig.
+    """Watches one rig. `late_s` holds how late the newest of its looks began, at most 13 minutes of them.
 
     Whoever writes to an instrument holds the rig's lock, `bus`, while writing and until `expect` says what must
     now be read, so that no poll can fall between the two.
@@ -106,6 +107,7 @@ class Supervisor:
         self._tell = tell
         self._thread = threading.Thread(target=self._run, name="supervisor", daemon=True)
         self._ending = threading.Event()
+        self.late_s: deque[float] = deque(maxlen=1 << 14)
         self._expected: Expected | None = None
         self._armed = False
         self._beat_s = 0.0
@@ -216,6 +218,7 @@ class Supervisor:
             # Whoever holds the bus for long is on the way to SAFE and beats the guard itself, or hangs.
             if not self._bus.acquire(timeout=POLL_PERIOD_S):
                 continue
+            self.late_s.append(self._clock.now_s() - next_s)
             try:
                 if not self._ending.is_set():
                     self.watch(with_valves=polls % _POLLS_PER_VALVE_READ == 0)

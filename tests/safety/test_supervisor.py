@@ -147,6 +147,8 @@ def test_polls_at_20_hz_and_beats_the_guard(running, calls, guard):
     rate_hz = (calls.count("read pressure") - before) / (time.monotonic() - start_s)
 
     assert 15 <= rate_hz <= 21
+    assert min(running.late_s) >= 0
+    assert len(running.late_s) == pytest.approx(calls.count("read pressure"), abs=1)
     assert guard.beats > beats
 
 
