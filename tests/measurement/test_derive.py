@@ -1,6 +1,7 @@
 import random
 from dataclasses import replace
 
+import made_recording as made
 import numpy as np
 import pytest
 
@@ -10,7 +11,7 @@ from labctl.measurement.windows import Window
 from labctl.mocap.transfer import transfer_error
 
 
-def test_the_heights_of_a_level_are_above_the_uninflated_sheet(trial, made):
+def test_the_heights_of_a_level_are_above_the_uninflated_sheet(trial):
     result = derive(*trial.parts)
     (level,) = result.levels
     np.testing.assert_allclose(level.heights_mm, made.SHAPE_MM, atol=0.03)
@@ -20,7 +21,7 @@ def test_the_heights_of_a_level_are_above_the_uninflated_sheet(trial, made):
     assert result.frame_residual_mm < 0.02
 
 
-def test_the_standard_deviation_is_that_of_the_heights_over_the_frames(trial, made):
+def test_the_standard_deviation_is_that_of_the_heights_over_the_frames(trial):
     # 0.05 mm of noise in each direction; the sheet lies askew in the instrument's frame, its height does not.
     (level,) = derive(*trial.parts).levels
     assert np.mean(level.height_sd_mm) == pytest.approx(0.05, rel=0.1)
@@ -29,7 +30,7 @@ def test_the_standard_deviation_is_that_of_the_heights_over_the_frames(trial, ma
     assert max(level.height_sd_mm) < 1e-4
 
 
-def test_e_t_is_that_of_equation_2_on_these_heights(trial, made):
+def test_e_t_is_that_of_equation_2_on_these_heights(trial):
     simulated_mm = tuple((made.SHAPE_MM * np.linspace(1, 2, 16)).tolist())
     basis = replace(trial.basis, simulated_mm={3.9: simulated_mm})
     (level,) = derive(*trial.but(basis=basis).parts).levels
@@ -56,7 +57,7 @@ def test_the_held_pressure_is_that_of_the_readings_in_the_window(trial):
     assert (level.lowest_psi, level.highest_psi) == (3.85, 3.95)
 
 
-def test_frames_belong_to_a_window_by_the_laboratorys_clock(trial, made):
+def test_frames_belong_to_a_window_by_the_laboratorys_clock(trial):
     # The server's clock is 5000 s off, and the level's window is where the sheet starts to rise.
     windows = (trial.windows[0], Window("level", 9.5, 10.5, 3.9))
     result = derive(*trial.but(windows=windows).parts)
@@ -71,7 +72,7 @@ def test_the_same_recording_gives_the_same_bits_again(trial):
 
 
 @pytest.mark.parametrize("hidden", [[3], [3, 7, 9]])
-def test_what_was_not_seen_is_missing_and_the_rest_compared(trial, made, hidden):
+def test_what_was_not_seen_is_missing_and_the_rest_compared(trial, hidden):
     frames = made.hide(trial.frames, hidden, made.TIME_S > 10)
     (level,) = derive(*trial.but(frames=frames).parts).levels
     assert [index for index, height in enumerate(level.heights_mm) if height is None] == hidden
@@ -80,7 +81,7 @@ def test_what_was_not_seen_is_missing_and_the_rest_compared(trial, made, hidden)
     assert level.e_t_percent is not None
 
 
-def test_a_marker_seen_in_too_small_a_share_of_the_frames_is_missing(trial, made):
+def test_a_marker_seen_in_too_small_a_share_of_the_frames_is_missing(trial):
     frames = made.hide(trial.frames, [5], (made.TIME_S > 15) & (made.TIME_S < 15.6))
     (level,) = derive(*trial.but(frames=frames).parts).levels
     assert level.heights_mm[5] is None
@@ -90,7 +91,7 @@ def test_a_marker_seen_in_too_small_a_share_of_the_frames_is_missing(trial, made
     assert level.heights_mm[5] == pytest.approx(made.SHAPE_MM[5], abs=0.05)
 
 
-def test_a_level_with_too_few_markers_says_so(trial, made):
+def test_a_level_with_too_few_markers_says_so(trial):
     frames = made.hide(trial.frames, range(9), (made.TIME_S > 10) & (made.TIME_S < 18))
     result = derive(*trial.but(frames=frames).parts)
     assert result.levels[0].e_t_percent is None
@@ -101,7 +102,7 @@ def test_a_level_with_too_few_markers_says_so(trial, made):
     )
 
 
-def test_markers_hidden_on_the_uninflated_sheet_fix_no_frame(trial, made):
+def test_markers_hidden_on_the_uninflated_sheet_fix_no_frame(trial):
     frames = made.hide(trial.frames, range(13), made.TIME_S < 7)
     result = derive(*trial.but(frames=frames).parts)
     assert result.frame_residual_mm is None
@@ -138,7 +139,7 @@ def test_a_window_without_a_pressure_says_so(trial):
     assert problem.startswith("3.9 psi: no pressure was read in the window's 1 s")
 
 
-def test_a_stream_that_stalled_says_so(trial, made):
+def test_a_stream_that_stalled_says_so(trial):
     kept = (made.TIME_S < 15.4) | (made.TIME_S > 17)
     frames = made.made_frames(made.TIME_S[kept], made.sheet_heights_mm(made.TIME_S[kept]))
     result = derive(*trial.but(frames=frames).parts)
@@ -147,7 +148,7 @@ def test_a_stream_that_stalled_says_so(trial, made):
     assert result.clock.lost == 161
 
 
-def test_no_frame_at_all_is_a_result_too(trial, made):
+def test_no_frame_at_all_is_a_result_too(trial):
     none = made.made_frames(np.empty(0), np.empty((0, 16)))
     result = derive(*trial.but(frames=none).parts)
     assert (result.clock, result.levels, result.relaxation) == (None, (), None)
@@ -180,7 +181,7 @@ def test_heights_need_exactly_one_baseline(trial, count):
     assert result.problems[0].startswith(f"baseline: {count} windows of the uninflated sheet are marked")
 
 
-def test_a_sheet_that_did_not_rise_has_no_e_t(trial, made):
+def test_a_sheet_that_did_not_rise_has_no_e_t(trial):
     flat = made.made_frames(made.TIME_S, np.zeros((len(made.TIME_S), 16)))
     result = derive(*trial.but(frames=flat, windows=trial.windows[:2]).parts)
     # Float32 positions are the only thing that differs.
@@ -194,7 +195,7 @@ def test_several_levels_stay_in_the_order_marked(trial):
     assert [level.pressure_psi for level in result.levels] == [3.85, 3.9]
 
 
-def test_nothing_in_a_recording_raises(trial, made):
+def test_nothing_in_a_recording_raises(trial):
     """Random damage: frames dropped, markers hidden, readings gone, windows anywhere."""
     rng = random.Random(4)
     draw = np.random.default_rng(4)

@@ -3,7 +3,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labctl.measurement.codec import (
@@ -47,6 +47,7 @@ results = st.builds(
 )
 
 
+@settings(max_examples=50)
 @given(results)
 def test_a_result_comes_back_from_json_to_the_last_bit(result):
     back = result_from_json(json.loads(json.dumps(to_json(result), allow_nan=False)))

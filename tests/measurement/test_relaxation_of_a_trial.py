@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import made_recording as made
 import numpy as np
 import pytest
 
@@ -13,7 +14,7 @@ def heights(time_s, tau_s=2.0, amplitude_mm=10.0, rest_mm=0.5, noise_mm=0.0):
     return rest_mm + amplitude_mm * np.exp(-time_s / tau_s) + noise
 
 
-def test_the_way_back_has_the_time_constant_of_the_sheet(trial, made):
+def test_the_way_back_has_the_time_constant_of_the_sheet(trial):
     relaxation = derive(*trial.parts).relaxation
     assert relaxation.tau_s == pytest.approx(made.TAU_S, abs=0.01)
     assert relaxation.tau_se_s < 0.01
@@ -59,7 +60,7 @@ def test_a_pressure_that_stays_is_no_way_back(trial):
     assert problem.startswith("relaxing: the pressure was not read within 0.1 psi of 0")
 
 
-def test_a_marker_that_comes_into_sight_makes_no_step(trial, made):
+def test_a_marker_that_comes_into_sight_makes_no_step(trial):
     # The highest marker hides until 25 s: left out all along, or the mean would jump by 0.4 mm.
     frames = made.hide(trial.frames, [8], (made.TIME_S > 10) & (made.TIME_S < 25))
     relaxation = derive(*trial.but(frames=frames).parts).relaxation
@@ -68,7 +69,7 @@ def test_a_marker_that_comes_into_sight_makes_no_step(trial, made):
     assert relaxation.tau_s == pytest.approx(1.5, abs=0.01)
 
 
-def test_a_moment_in_which_nothing_is_seen_is_left_out(trial, made):
+def test_a_moment_in_which_nothing_is_seen_is_left_out(trial):
     frames = made.hide(trial.frames, range(16), (made.TIME_S > 22) & (made.TIME_S < 22.6))
     result = derive(*trial.but(frames=frames).parts)
     relaxation = result.relaxation
@@ -77,7 +78,7 @@ def test_a_moment_in_which_nothing_is_seen_is_left_out(trial, made):
     assert result.problems == ()
 
 
-def test_too_few_markers_all_the_time_say_so(trial, made):
+def test_too_few_markers_all_the_time_say_so(trial):
     early = made.hide(trial.frames, range(6), (made.TIME_S > 20) & (made.TIME_S < 24))
     frames = made.hide(early, range(6, 12), (made.TIME_S > 24) & (made.TIME_S < 28))
     result = derive(*trial.but(frames=frames).parts)
@@ -107,7 +108,7 @@ def test_a_decay_is_found_again_from_above_and_from_below(tau_s, sign):
 def test_the_standard_error_is_the_spread_of_repeated_fits():
     time_s = np.arange(0.125, 30, 0.25)
     rng = np.random.default_rng(7)
-    decays = [fit_decay(time_s, heights(time_s) + rng.normal(0, 0.1, len(time_s))) for _ in range(100)]
+    decays = [fit_decay(time_s, heights(time_s) + rng.normal(0, 0.1, len(time_s))) for _ in range(50)]
     spread_s = np.std([decay.tau_s for decay in decays], ddof=1)
     assert np.mean([decay.tau_se_s for decay in decays]) == pytest.approx(spread_s, rel=0.3)
     assert np.mean([decay.residual_mm for decay in decays]) == pytest.approx(0.1, rel=0.1)

@@ -1,0 +1,190 @@
+"""`labctl verify RUN`: do the raw files still say what the ledger says?"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from labctl.cli.ledgers import ledger_option
+from labctl.cli.output import banner, emit_json
+from labctl.cli.rigs import json_option
+
+if TYPE_CHECKING:
+    from labctl.ledger.records import RunRecord
+    from labctl.measurement.differences import Difference
+    from labctl.measurement.verify import TrialVerification, Verification
+
+# Another machine, or another version of what computes, rounds otherwise; a different design is off by far more.
+SIMULATION_TOLERANCE_MM = 1e-3
+_MOST_SHOWN = 5
+
+
+@click.command()
+@click.argument("name", metavar="RUN")
+@ledger_option
+@json_option
+def verify(name: str, ledger: Path, as_json: bool) -> int:
+    """Hash the raw files of RUN (a number, or "last") again and recompute every number from them, to the last bit.
+
+    The simulated heights are computed again too. Exit code 0: all agree; 1: something does not, and is named.
+    """
+    from labctl.ledger.ledger import Ledger
+    from labctl.measurement.verify import verify_run
+
+    def tell(text: str) -> None:
+        click.echo(f"labctl: {text}", err=True)
+
+    with Ledger.open(ledger, tell) as opened:
+        run = opened.find(name)
+        verification = verify_run(opened, run)
+    simulation = _simulate_again(run, tell)
+    agrees = verification.agrees and simulation.agrees
+    if as_json:
+        emit_json(_for_machines(run, verification, simulation, agrees))
+    else:
+        banner(run.simulated)
+        click.echo(f"run {run.number}: {run.protocol}, design {run.design_name}")
+        for line in (
+            *_trial_lines(verification.trials),
+            *_summary_lines(verification.summary),
+            *simulation.lines(),
+        ):
+            click.echo(line)
+        click.echo(_last_line(run, verification, simulation))
+    return 0 if agrees else 1
+
+
+@dataclass(frozen=True)
+class SimulatedAgain:
+    """The simulated heights of a run, computed again: how many shapes, the greatest difference, what went wrong."""
+
+    shapes: int
+    greatest_mm: float
+    problems: tuple[str, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Nothing went wrong, and no height is further off than rounding takes it."""
+        return not self.problems and self.greatest_mm <= SIMULATION_TOLERANCE_MM
+
+    def lines(self) -> Iterator[str]:
+        """In words."""
+        if self.problems:
+            yield "simulated heights: DISAGREE"
+            yield from (f"    {problem}" for problem in self.problems)
+        elif self.shapes and not self.greatest_mm:
+            yield f"simulated heights: the same again, to the last bit ({self.shapes} shapes)"
+        elif self.shapes:
+            words = "agree" if self.agrees else "DISAGREE"
+            yield (
+                f"simulated heights: {words}, {self.greatest_mm:.2g} mm apart at most (another machine or version may "
+                f"make {SIMULATION_TOLERANCE_MM:g} mm of it)"
+            )
+
+
+def _simulate_again(run: "RunRecord", tell: Callable[[str], None]) -> SimulatedAgain:
+    import numpy as np
+
+    from labctl.config.load import design_from_text
+    from labctl.errors import LabError
+    from labctl.simulation import simulate_pattern
+    from sim.warm import compile_kernels
+
+    if run.simulated_heights:
+        compile_kernels(tell)
+    points_mm = np.array([(point["x_mm"], point["y_mm"]) for point in run.rig["markers"]["points"]])
+    greatest_mm = 0.0
+    problems: list[str] = []
+    for stored in run.simulated_heights:
+        pattern, pressure_psi = stored["pattern"], stored["pressure_psi"]
+        try:
+            design = design_from_text(run.design_text, run.design_source)
+            simulated = simulate_pattern(design, pattern, design.sheet.strain_at(pressure_psi))
+            apart_mm = simulated.points_mm(points_mm)[:, 2] - np.array(stored["heights_mm"])
+        except LabError as error:
+            problems.append(f"{pattern} at {pressure_psi:g} psi cannot be simulated again: {error}")
+        else:
+            greatest_mm = max(greatest_mm, float(np.abs(apart_mm).max()))
+    return SimulatedAgain(len(run.simulated_heights), greatest_mm, tuple(problems))
+
+
+def _trial_lines(trials: "Sequence[TrialVerification]") -> Iterator[str]:
+    for trial in trials:
+        head = f"trial {trial.number}, attempt {trial.attempt} ({trial.outcome})"
+        if not trial.agrees:
+            yield f"{head}: DISAGREES"
+            yield from (f"    {problem}" for problem in trial.problems)
+            yield from _difference_lines(trial.differences)
+        elif trial.recomputed:
+            yield f"{head}: {len(trial.files)} files as recorded, every number the same again"
+        else:
+            files = f"{len(trial.files)} files as recorded" if trial.files else "nothing was recorded"
+            yield f"{head}: {files}; there are no numbers to recompute"
+
+
+def _summary_lines(summary: "Sequence[Difference] | None") -> Iterator[str]:
+    if summary is None:
+        yield "summary: none is recorded, since the run is not finished"
+    elif summary:
+        yield "summary: DISAGREES"
+        yield from _difference_lines(summary)
+    else:
+        yield "summary: every number the same again"
+
+
+def _difference_lines(differences: "Sequence[Difference]") -> Iterator[str]:
+    yield from (f"    {difference.describe()}" for difference in differences[:_MOST_SHOWN])
+    if len(differences) > _MOST_SHOWN:
+        yield f"    and {len(differences) - _MOST_SHOWN} more numbers (--json lists all)"
+
+
+def _last_line(run: "RunRecord", verification: "Verification", simulation: SimulatedAgain) -> str:
+    wrong = [
+        f"trial {trial.number}, attempt {trial.attempt}" for trial in verification.trials if not trial.agrees
+    ]
+    if verification.summary:
+        wrong.append("the summary")
+    if not simulation.agrees:
+        wrong.append("the simulated heights")
+    if wrong:
+        return f"run {run.number} DOES NOT AGREE with its recording: {'; '.join(wrong)}"
+    files = sum(len(trial.files) for trial in verification.trials)
+    return f"run {run.number}: all agree ({len(verification.trials)} attempts, {files} raw files)"
+
+
+def _for_machines(
+    run: "RunRecord", verification: "Verification", simulation: SimulatedAgain, agrees: bool
+) -> dict[str, Any]:
+    return {
+        "run": run.number,
+        "simulated": run.simulated,
+        "agrees": agrees,
+        "trials": [
+            {
+                "number": trial.number,
+                "attempt": trial.attempt,
+                "outcome": trial.outcome,
+                "agrees": trial.agrees,
+                "files": trial.files,
+                "recomputed": trial.recomputed,
+                "problems": trial.problems,
+                "differences": _plain(trial.differences),
+            }
+            for trial in verification.trials
+        ],
+        "summary": None if verification.summary is None else _plain(verification.summary),
+        "simulated_heights": {
+            "agree": simulation.agrees,
+            "shapes": simulation.shapes,
+            "greatest_difference_mm": simulation.greatest_mm,
+            "problems": simulation.problems,
+        },
+    }
+
+
+def _plain(differences: "Sequence[Difference]") -> list[dict[str, Any]]:
+    return [
+        {"where": each.where, "stored": each.stored, "recomputed": each.recomputed} for each in differences
+    ]
