@@ -32,6 +32,7 @@ COMMANDS = {
     "compare": ("labctl.cli.compare", "compare", "Measured heights against a pattern's simulation."),
     "runs": ("labctl.cli.runs", "runs", "The runs in the ledger, and how each stands."),
     "show": ("labctl.cli.show", "show", "Everything about a run: trials, numbers, events, provenance."),
+    "verify": ("labctl.cli.verify", "verify", "Recompute every number of a run from its raw files."),
     "doubles": ("labctl.cli.doubles", "doubles", "Byte-level doubles of the instruments."),
 }
 

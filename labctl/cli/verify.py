@@ -1,13 +1,13 @@
 """`labctl verify RUN`: do the raw files still say what the ledger says?"""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.ledgers import ledger_option
+from labctl.cli.ledgers import ledger_option, tell
 from labctl.cli.output import banner, emit_json
 from labctl.cli.rigs import json_option
 
@@ -25,7 +25,7 @@ _MOST_SHOWN = 5
 @click.argument("name", metavar="RUN")
 @ledger_option
 @json_option
-def verify(name: str, ledger: Path, as_json: bool) -> int:
+def verify(name: str, ledger_folder: Path, as_json: bool) -> int:
     """Hash the raw files of RUN (a number, or "last") again and recompute every number from them, to the last bit.
 
     The simulated heights are computed again too. Exit code 0: all agree; 1: something does not, and is named.
@@ -33,13 +33,10 @@ def verify(name: str, ledger: Path, as_json: bool) -> int:
     from labctl.ledger.ledger import Ledger
     from labctl.measurement.verify import verify_run
 
-    def tell(text: str) -> None:
-        click.echo(f"labctl: {text}", err=True)
-
-    with Ledger.open(ledger, tell) as opened:
-        run = opened.find(name)
-        verification = verify_run(opened, run)
-    simulation = _simulate_again(run, tell)
+    with Ledger.open(ledger_folder, tell) as ledger:
+        run = ledger.find(name)
+        verification = verify_run(ledger, run)
+    simulation = _simulate_again(run)
     agrees = verification.agrees and simulation.agrees
     if as_json:
         emit_json(_for_machines(run, verification, simulation, agrees))
@@ -84,7 +81,7 @@ class SimulatedAgain:
             )
 
 
-def _simulate_again(run: "RunRecord", tell: Callable[[str], None]) -> SimulatedAgain:
+def _simulate_again(run: "RunRecord") -> SimulatedAgain:
     import numpy as np
 
     from labctl.config.load import design_from_text

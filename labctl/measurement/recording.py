@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from labctl.errors import LabError
 from labctl.measurement.basis import Basis
 from labctl.measurement.clock_fit import fit_clock, lab_times_s
 from labctl.measurement.result import ClockFit
@@ -58,14 +59,8 @@ class Recording:
 
 def lay_out(frames: MarkerFrames, pressures: PressureSamples, basis: Basis) -> Recording | str:
     """The recording on the laboratory's clock, or why it cannot be laid on it."""
-    if not len(frames):
-        return "no marker frame was recorded; check that the marker server streams"
-    steps_s = np.diff(frames.time_s)
-    if (steps_s < 0).any():
-        at = int(np.argmin(steps_s))
-        return (
-            f"the marker server's clock went back by {-steps_s[at]:.3f} s after frame {at + 1} of {len(frames)}: "
-            "its frames have no place on the laboratory's clock; look whether the server was started anew"
-        )
-    clock = fit_clock(frames.time_s, frames.arrival_s, basis.frequency_hz)
+    try:
+        clock = fit_clock(frames.time_s, frames.arrival_s, basis.frequency_hz)
+    except LabError as error:
+        return str(error)
     return Recording(frames, lab_times_s(clock, frames.time_s), pressures, basis, clock)

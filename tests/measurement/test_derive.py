@@ -152,7 +152,8 @@ def test_no_frame_at_all_is_a_result_too(trial):
     none = made.made_frames(np.empty(0), np.empty((0, 16)))
     result = derive(*trial.but(frames=none).parts)
     assert (result.clock, result.levels, result.relaxation) == (None, (), None)
-    assert result.problems == ("no marker frame was recorded; check that the marker server streams",)
+    (problem,) = result.problems
+    assert problem.startswith("no marker frame was recorded")
 
 
 def test_windows_after_the_last_frame_hold_nothing(trial):
@@ -170,7 +171,9 @@ def test_a_server_clock_that_goes_back_places_no_frame(trial):
     time_s[2000:] -= 7.0
     result = derive(*trial.but(frames=replace(trial.frames, time_s=time_s)).parts)
     (problem,) = result.problems
-    assert problem.startswith("the marker server's clock went back by 6.990 s after frame 2000 of 4000")
+    assert problem.startswith(
+        "the marker server's time goes from 5019.990000 s to 5013.000000 s at frame 2000"
+    )
 
 
 @pytest.mark.parametrize("count", [0, 2])
