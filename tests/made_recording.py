@@ -116,10 +116,10 @@ def made_trial(seed=1):
     )
 
 
-def run_of(trial):
+def run_of(trial, **changes):
     """A run that has no number yet, with the trial's basis in its record."""
     basis = trial.basis
-    return RunRecord(
+    record = RunRecord(
         number=0,
         protocol="five-trial",
         begun=THEN,
@@ -148,6 +148,7 @@ def run_of(trial):
         operator="",
         note="",
     )
+    return replace(record, **changes)
 
 
 def derived(trial, run):

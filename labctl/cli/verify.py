@@ -72,12 +72,13 @@ class SimulatedAgain:
             yield "simulated heights: DISAGREE"
             yield from (f"    {problem}" for problem in self.problems)
         elif self.shapes and not self.greatest_mm:
-            yield f"simulated heights: the same again, to the last bit ({self.shapes} shapes)"
+            count = "1 shape" if self.shapes == 1 else f"{self.shapes} shapes"
+            yield f"simulated heights: the same again, to the last bit ({count})"
         elif self.shapes:
             words = "agree" if self.agrees else "DISAGREE"
             yield (
-                f"simulated heights: {words}, {self.greatest_mm:.2g} mm apart at most (another machine or version may "
-                f"make {SIMULATION_TOLERANCE_MM:g} mm of it)"
+                f"simulated heights: {words}, {self.greatest_mm:.2g} mm apart at most; "
+                f"{SIMULATION_TOLERANCE_MM:g} mm may come of another machine or version"
             )
 
 
