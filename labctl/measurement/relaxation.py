@@ -11,6 +11,8 @@ from labctl.measurement.windows import Window
 from labctl.mocap.heights import inflation_heights_mm
 
 STRETCH_S = 0.25
+# A marker is hidden for a moment now and then; so many stretches are filled in.
+BRIDGED = 4
 
 Floats = NDArray[np.float64]
 
@@ -20,9 +22,10 @@ def measure_relaxation(
 ) -> tuple[RelaxationResult, tuple[str, ...]]:
     """The mean height against time, the decay fitted to it, and what is wrong with them.
 
-    The height of a stretch of 0.25 s is the mean over one set of markers, the same for the whole window: those seen
-    on the uninflated sheet and in every stretch, so that no step comes from a marker that appears. A stretch in which
-    fewer than `basis.min_points` were seen has no height and does not narrow the set.
+    The height of a stretch of 0.25 s is the mean over one set of markers, the same for the whole window, so that no
+    step comes from a marker that appears: those seen on the uninflated sheet and from the first stretch on, with gaps
+    of four stretches at most, which are bridged by a straight line. A stretch in which fewer than `basis.min_points`
+    were seen has no height, and is no gap.
 
     The decay is fitted to the stretches after the pressure came within the tolerance of 0 psi, so that `tau_s` is
     the sheet's and not the valve's, and to the first five time constants (`labctl.measurement.decay`). t counts from
@@ -81,14 +84,26 @@ def _mean_heights(
     time_s: Floats = STRETCH_S * np.arange(0.5, stretches, dtype=np.float64)
     needed = recording.basis.min_points
     counts = np.isfinite(heights_mm).sum(axis=1) >= needed
-    always = np.isfinite(heights_mm[counts]).all(axis=0)
+    whole_mm = _bridged(time_s[counts], heights_mm[counts])
     mean_mm: Floats = np.full(stretches, np.nan)
-    seen = int(always.sum()) if counts.any() else 0
+    seen = whole_mm.shape[1]
     if seen < needed:
         problem = (
-            f"{seen} of {len(always)} markers were seen on the uninflated sheet and all the time after venting, "
-            f"and at least {needed} are needed (measurement.min_points); clear the cameras' view"
+            f"{seen} of {heights_mm.shape[1]} markers were seen on the uninflated sheet and, but for moments of "
+            f"{BRIDGED * STRETCH_S:g} s, all the time after venting; at least {needed} are needed "
+            "(measurement.min_points): clear the cameras' view"
         )
         return time_s, mean_mm, problem
-    mean_mm[counts] = heights_mm[np.ix_(counts, always)].mean(axis=1)
+    mean_mm[counts] = whole_mm.mean(axis=1)
     return time_s, mean_mm, None
+
+
+def _bridged(time_s: Floats, heights_mm: Floats) -> Floats:
+    """The columns of heights (k, m) that are whole, their short gaps filled in a straight line, (k, whole ones)."""
+    whole: list[Floats] = []
+    for marker_mm in heights_mm.T:
+        seen = np.flatnonzero(np.isfinite(marker_mm))
+        # Before the first sight there is no line to fill in.
+        if len(seen) and seen[0] == 0 and np.diff(seen, append=len(time_s)).max() - 1 <= BRIDGED:
+            whole.append(np.interp(time_s, time_s[seen], marker_mm[seen]))
+    return np.array(whole).reshape(len(whole), len(time_s)).T
