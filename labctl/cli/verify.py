@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 # Another machine, or another version of what computes, rounds otherwise; a different design is off by far more.
 SIMULATION_TOLERANCE_MM = 1e-3
 _MOST_SHOWN = 5
+# The programs that numbers depend on.
+_DERIVING = ("labctl", "python", "numpy", "scipy")
 
 
 @click.command()
@@ -49,6 +51,10 @@ def verify(name: str, ledger_folder: Path, as_json: bool) -> int:
             *simulation.lines(),
         ):
             click.echo(line)
+        if verification.differences:
+            click.echo(
+                f"the recorded numbers were made by {_makers(run)}; another version may derive otherwise"
+            )
         click.echo(_last_line(run, verification, simulation))
     return 0 if agrees else 1
 
@@ -136,6 +142,11 @@ def _difference_lines(differences: "Sequence[Difference]") -> Iterator[str]:
     yield from (f"    {difference.describe()}" for difference in differences[:_MOST_SHOWN])
     if len(differences) > _MOST_SHOWN:
         yield f"    and {len(differences) - _MOST_SHOWN} more numbers (--json lists all)"
+
+
+def _makers(run: "RunRecord") -> str:
+    programs = [f"{program} {run.versions[program]}" for program in _DERIVING if program in run.versions]
+    return ", ".join([*programs, f"commit {run.commit or 'unknown'}"])
 
 
 def _last_line(run: "RunRecord", verification: "Verification", simulation: SimulatedAgain) -> str:

@@ -53,6 +53,11 @@ class Verification:
         """Every attempt and the summary agree."""
         return all(trial.agrees for trial in self.trials) and not self.summary
 
+    @property
+    def differences(self) -> tuple[Difference, ...]:
+        """Every number of the run that does not come out again."""
+        return (*(each for trial in self.trials for each in trial.differences), *(self.summary or ()))
+
 
 def verify_run(ledger: Ledger, run: RunRecord) -> Verification:
     """Look at every raw file of a run and recompute every number from them; changes nothing."""

@@ -1,6 +1,7 @@
 import json
 import os
 import shutil
+from dataclasses import replace
 
 import pytest
 from made_recording import SHEET_MM, THEN, made_trial, recorded, run_of
@@ -67,6 +68,24 @@ def test_a_changed_raw_file_is_named_with_its_trial(ledger, capsys):
     assert lines[3] == "trial 2, attempt 1 (good): DISAGREES"
     assert lines[4].startswith(f"    {FRAMES}: changed: SHA-256")
     assert lines[-1] == "run 1 DOES NOT AGREE with its recording: trial 2, attempt 1"
+
+
+def test_numbers_that_do_not_come_out_again_are_named_with_what_made_them(ledger, capsys):
+    with LedgerWriter.open(ledger, print) as writer:
+        record = run_of(made_trial(), versions={"labctl": "0.0.9", "numpy": "2.0.0"}, simulated_heights=())
+        run = writer.begin_run(record)
+        trial = recorded(made_trial(), writer, run, 1, 1)
+        writer.add_trial(replace(trial, result={**trial.result, "frame_residual_mm": 0.5}))
+    assert labctl(["verify", "last", "--ledger", str(ledger)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    residual_mm = trial.result["frame_residual_mm"]
+    assert lines[3] == (
+        f"    frame_residual_mm: stored 0.5, recomputed {residual_mm!r} ({residual_mm - 0.5:+.3g})"
+    )
+    assert lines[5] == (
+        "the recorded numbers were made by labctl 0.0.9, numpy 2.0.0, commit unknown; another version may derive "
+        "otherwise"
+    )
 
 
 def test_json_says_the_same(ledger, capsys):
