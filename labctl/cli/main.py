@@ -27,6 +27,7 @@ COMMANDS = {
     "vent": ("labctl.cli.vent", "vent", "Take the rig to SAFE and read it back."),
     "status": ("labctl.cli.status", "status", "What the instruments read now; changes nothing."),
     "doctor": ("labctl.cli.doctor", "doctor", "Who is connected and which protections this rig really has."),
+    "report": ("labctl.cli.report", "report", "Runs of a ledger as one HTML page."),
     "simulate": ("labctl.cli.simulate", "simulate", "The shape of a pattern or of a voxel file."),
     "evolve": ("labctl.cli.evolve", "evolve", "Search for fiber layouts that take several shapes."),
     "compare": ("labctl.cli.compare", "compare", "Measured heights against a pattern's simulation."),

@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from labctl.evolution.evolved_run import EvolvedRun, check_one_search
 from labctl.evolution.evolved_shape import EvolvedShape, evolved_shapes
 from labctl.evolution.fiber_list import fiber_list
@@ -16,7 +14,6 @@ from labctl.report.evolution_progress import progress_figure
 from labctl.report.evolution_shapes import shape_figure
 from labctl.report.evolution_words import (
     RULE_WORDS,
-    Table,
     fibers_table,
     front_table,
     glance,
@@ -24,6 +21,7 @@ from labctl.report.evolution_words import (
     runs_table,
     searched_for,
 )
+from labctl.report.page import Table, filled_in
 from labctl.report.picture_style import picture_style, picture_uri
 from labctl.whole_file import whole_file
 
@@ -73,11 +71,9 @@ def evolution_page(runs: Sequence[EvolvedRun], picks: Sequence[Pick]) -> str:
         LabError: a picked design has no shape any more with this program.
     """
     found = found_by(runs)
-    environment = Environment(
-        loader=PackageLoader("labctl.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
     with picture_style():
-        return environment.get_template("evolution.html").render(
+        return filled_in(
+            "evolution.html",
             names=runs[0].targets,
             several=len(runs) > 1,
             glance=glance(runs),

@@ -1,7 +1,6 @@
 """A run of the evolution in words and tables: what was searched for, what it took, what was found."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from evolve.choose import Rule
@@ -9,6 +8,7 @@ from evolve.settings import Settings
 from labctl.evolution.evolved_run import EvolvedRun
 from labctl.evolution.fiber_list import ListedFiber
 from labctl.evolution.pick import Found, Pick
+from labctl.report.page import Table
 from labctl.report.picture_style import shortened
 
 # Over a column of numbers; the whole names stand above.
@@ -19,15 +19,6 @@ RULE_WORDS: Mapping[Rule, str] = {
     "paper": "paper: furthest below the mean errors of random layouts",
     "knee": "knee: the best compromise between the ends of the front",
 }
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table: its head, its rows, and which rows stand out."""
-
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    marked: frozenset[int] = frozenset()
 
 
 def searched_for(runs: Sequence[EvolvedRun]) -> list[tuple[str, str]]:

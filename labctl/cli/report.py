@@ -1,0 +1,37 @@
+"""`labctl report`: runs of a ledger as one HTML page."""
+
+from pathlib import Path
+
+import click
+
+from labctl.cli.ledgers import ledger_option
+from labctl.cli.output import emit_json
+from labctl.cli.rigs import json_option
+
+
+@click.command()
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...")
+@click.option(
+    "--out",
+    "out_path",
+    type=click.Path(path_type=Path),
+    help="The page; one that is there is replaced.  [default: report-RUN.html]",
+)
+@ledger_option
+@json_option
+def report(runs: tuple[str, ...], out_path: Path | None, ledger: Path, as_json: bool) -> None:
+    """Write runs as one page that needs nothing but itself: figures, every attempt, where the numbers come from.
+
+    RUN is a run's number, or "last". Several runs are put side by side, and compared where they can be.
+    """
+    from labctl.report.run_page import write_run_page
+    from labctl.report.run_reading import read_views
+
+    views = read_views(ledger, runs, lambda text: click.echo(f"labctl: {text}", err=True))
+    path = out_path or Path(f"report-{'-'.join(f'{view.run.number:04d}' for view in views)}.html")
+    replaced = path.is_file()
+    write_run_page(path, views)
+    if as_json:
+        emit_json({"page": str(path), "runs": [view.run.number for view in views], "replaced": replaced})
+        return
+    click.echo(f"{'replaced' if replaced else 'written'}: {path}")

@@ -1,0 +1,133 @@
+"""Runs of a ledger as one page that needs nothing but itself."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from labctl.errors import BadInput
+from labctl.report.page import Table, filled_in
+from labctl.report.picture_style import picture_style, picture_uri
+from labctl.report.run_comparison import COMPARISON_WORDS, comparison_table, side_by_side_table
+from labctl.report.run_provenance import (
+    clocks_table,
+    events_table,
+    files_table,
+    instruments_table,
+    provenance,
+    rig_text,
+)
+from labctl.report.run_sections import Section, sections
+from labctl.report.run_view import RunView
+from labctl.report.run_words import glance, groups_table, headline, state_words, title
+from labctl.whole_file import whole_file
+
+SIMULATED = "SIMULATED RIG: byte-level doubles answered; no real instrument was connected"
+SOME_SIMULATED = "Some of these runs are of a SIMULATED RIG; each says so"
+
+
+@dataclass(frozen=True)
+class _RunShown:
+    number: int
+    title: str
+    headline: str
+    simulated: str
+    state: str
+    glance: list[tuple[str, str]]
+    groups: Table
+    note: str
+    sections: list["_SectionShown"]
+    provenance: list[tuple[str, str]]
+    instruments: Table
+    clocks: Table
+    files: Table
+    events: Table
+    design_source: str
+    design_text: str
+    rig_text: str
+
+
+@dataclass(frozen=True)
+class _SectionShown:
+    title: str
+    words: tuple[str, ...]
+    figures: list["_FigureShown"]
+    tables: tuple[tuple[str, Table], ...]
+    folded: tuple[tuple[str, Table], ...]
+
+
+@dataclass(frozen=True)
+class _FigureShown:
+    uri: str
+    alt: str
+    caption: str
+    broad: bool
+
+
+def write_run_page(path: Path, views: Sequence[RunView]) -> None:
+    """Write the page of some runs. The same records make the same bytes.
+
+    Raises:
+        BadInput: no run, or the page cannot be written; nothing half-written is left.
+    """
+    if not views:
+        raise BadInput("no run to report; name one or more, for example: labctl report last")
+    page = run_page(views)
+    with whole_file(path) as unfinished:
+        unfinished.write_text(page, encoding="utf-8")
+
+
+def run_page(views: Sequence[RunView]) -> str:
+    """The page as HTML: a section a run, and in front, where there are several, what compares them."""
+    with picture_style():
+        return filled_in(
+            "run.html",
+            title=", ".join(title(view.run) for view in views),
+            simulated=_simulated(views),
+            runs=[_shown(view) for view in views],
+            side_by_side=side_by_side_table(views),
+            comparisons=comparison_table(views),
+            comparison_words=COMPARISON_WORDS,
+        )
+
+
+def _shown(view: RunView) -> _RunShown:
+    run = view.run
+    return _RunShown(
+        number=run.number,
+        title=title(run),
+        headline=headline(view),
+        simulated=_simulated([view]),
+        state="" if view.state == "finished" else state_words(view),
+        glance=glance(view),
+        groups=groups_table(view),
+        note=run.note,
+        sections=[_section(section) for section in sections(view)],
+        provenance=provenance(view),
+        instruments=instruments_table(run),
+        clocks=clocks_table(view),
+        files=files_table(view),
+        events=events_table(view),
+        design_source=run.design_source,
+        design_text=run.design_text,
+        rig_text=rig_text(run),
+    )
+
+
+def _section(section: Section) -> _SectionShown:
+    figures = [
+        _FigureShown(picture_uri(each.figure), each.alt, each.caption, _is_broad(each.figure))
+        for each in section.figures
+    ]
+    return _SectionShown(section.title, section.words, figures, section.tables, section.folded)
+
+
+def _is_broad(figure: Figure) -> bool:
+    """Broader than half a page can show with letters that can be read."""
+    return bool(figure.get_figwidth() > 9)
+
+
+def _simulated(views: Sequence[RunView]) -> str:
+    simulated = [view.run.simulated for view in views]
+    return SIMULATED if all(simulated) else SOME_SIMULATED if any(simulated) else ""
