@@ -1,16 +1,129 @@
-"""Several runs side by side."""
+"""Runs side by side, and groups of trials against each other."""
 
 from collections.abc import Sequence
 
 from labctl.report.page import Table
 from labctl.report.run_view import RunView
+from labctl.report.run_words import NONE, clock_time, interval_words, mean_sd
+from labctl.statistics.comparison import (
+    GroupComparison,
+    GroupName,
+    compare_placements,
+    compare_runs,
+)
+from labctl.statistics.intervals import Interval
+from labctl.statistics.tables import table_iii
 
-COMPARISON_WORDS = ""
+COMPARISON_WORDS = (
+    "Differences are the other's e_t less the first one's, in percentage points: above 0, the other is further from "
+    "its simulation. Over trials: the difference of the mean e_t with Welch's 95 % t interval, as if of very many "
+    "trials of these same sheets. Over points: the mean difference of |r − s|, each measuring point paired with "
+    "itself; neighbouring points move together, so that this interval is narrower than it should be, and it does not "
+    "tell trial from trial."
+)
+_HEAD = (
+    "one",
+    "other",
+    "over trials",
+    "95 % interval",
+    "p (Welch)",
+    "over points",
+    "95 % interval",
+    "p (Wilcoxon)",
+)
 
 
 def side_by_side_table(views: Sequence[RunView]) -> Table:
-    return Table((), ())
+    """A row for each group of each run."""
+    head = (
+        "run",
+        "protocol",
+        "begun",
+        "design",
+        "placement",
+        "pattern",
+        "pressure, psi",
+        "trials",
+        "e_t, mean ± sd",
+        "95 % interval of the mean",
+        "τ, mean ± sd",
+    )
+    rows = []
+    for view in views:
+        named = (str(view.run.number), view.run.protocol, clock_time(view.run.begun), view.run.design_name)
+        rows += [
+            (
+                *named,
+                group.placement or NONE,
+                group.pattern,
+                f"{group.pressure_psi:.2f}",
+                str(group.trials),
+                mean_sd(group.e_t_mean_percent, group.e_t_sd_percent, "%", 1),
+                interval_words(group.e_t_low_percent, group.e_t_high_percent),
+                mean_sd(group.tau_mean_s, group.tau_sd_s, "s", 2),
+            )
+            for group in view.summary.groups
+        ] or [(*named, NONE, NONE, NONE, "0", NONE, NONE, NONE)]
+    # A column that no run has anything in says nothing.
+    told = [n for n in range(len(head)) if any(row[n] != NONE for row in rows)]
+    return Table(tuple(head[n] for n in told), tuple(tuple(row[n] for n in told) for row in rows))
 
 
 def comparison_table(views: Sequence[RunView]) -> Table:
-    return Table((), ())
+    """Every run against the first, group by group; empty where no group has its like."""
+    rows = []
+    for first, other in ((views[0], other) for other in views[1:]):
+        compared = compare_runs(first.run, first.trials, other.run, other.trials)
+        rows += [_row(each, of_runs=True) for each in compared.groups]
+    return Table(_HEAD, tuple(rows))
+
+
+def unmatched_words(views: Sequence[RunView]) -> str:
+    """The groups that have no like in the run that they were to be compared with; "" where there is none."""
+    names: dict[GroupName, None] = {}
+    for first, other in ((views[0], other) for other in views[1:]):
+        compared = compare_runs(first.run, first.trials, other.run, other.trials)
+        names |= dict.fromkeys(compared.unmatched)
+    return f"Not compared, having no like: {'; '.join(name.describe() for name in names)}." if names else ""
+
+
+def placements_table(view: RunView) -> Table:
+    """The run's placements against each other, pattern by pattern."""
+    compared = compare_placements(view.run, view.trials)
+    return Table(_HEAD, tuple(_row(each, of_runs=False) for each in compared))
+
+
+def published_layout(view: RunView) -> Table:
+    """e_t by placement and pattern (Parsa et al., RoboSoft 2023, Table III)."""
+    table = table_iii([view.summary])
+    rows = tuple(
+        (str(name), *map(str, cells)) for name, cells in zip(table.index, table.to_numpy(), strict=True)
+    )
+    return Table((str(table.index.name), *map(str, table.columns)), rows)
+
+
+def _row(compared: GroupComparison, *, of_runs: bool) -> tuple[str, ...]:
+    trials, points = compared.over_trials, compared.over_points
+    return (
+        _name(compared.one, of_runs=of_runs),
+        _name(compared.other, of_runs=of_runs),
+        NONE if trials is None else f"{trials.difference_percent:+.2f}",
+        NONE if trials is None else _interval(trials.welch),
+        NONE if trials is None else _p(trials.welch_p),
+        NONE if points is None else f"{points.difference_percent:+.2f}",
+        NONE if points is None else _interval(points.bootstrap),
+        NONE if points is None else _p(points.wilcoxon_p),
+    )
+
+
+def _name(name: GroupName, *, of_runs: bool) -> str:
+    run = f"run {name.run}: " if of_runs else ""
+    return f"{run}{name.pattern}, {name.placement}, {name.pressure_psi:.2f}\u00a0psi"
+
+
+def _interval(interval: Interval | None) -> str:
+    return NONE if interval is None else f"{interval.low:+.2f} to {interval.high:+.2f}"
+
+
+def _p(p: float | None) -> str:
+    return NONE if p is None else "< 0.001" if p < 0.001 else f"{p:.3f}"

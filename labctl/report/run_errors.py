@@ -12,7 +12,7 @@ from labctl.report.run_sheet import MEASURED
 from labctl.report.run_view import Attempt, RunView
 from labctl.statistics.summary import Group
 
-_SIZE_IN = (8.0, 6.0)
+_SIZE_IN = (8.0, 7.4)
 _FAILED = "#b34e00"
 _MEAN = "#0072b2"
 _LONGEST_NAME = 22
@@ -117,7 +117,10 @@ def _e_t(attempt: Attempt, group: Group) -> float:
 
 
 def _group_name(view: RunView, group: Group) -> str:
-    placed = [group.placement] if view.placed else []
-    return "\n".join(
-        shortened(part, _LONGEST_NAME) for part in (*placed, group.pattern, f"{group.pressure_psi:.2f} psi")
+    pressures_psi = {each.pressure_psi for each in view.summary.groups}
+    parts = (
+        group.placement if view.placed else "",
+        group.pattern,
+        f"{group.pressure_psi:.2f} psi" if len(pressures_psi) > 1 else "",
     )
+    return "\n".join(shortened(part, _LONGEST_NAME) for part in parts if part)

@@ -38,7 +38,7 @@ def heights_figure(
     figure = Figure(figsize=(width_in, _HEIGHT_IN), layout="constrained")
     axes = figure.subplots()
     at = np.arange(len(points))
-    _draw_simulated(axes, at, numbers(group.simulated_mm)[order])
+    _draw_simulated(axes, at, simulated_heights_mm(group)[order])
     _draw_measured(axes, at, group, order, trials_mm)
     axes.axhline(0, color="#8c8c8c", linewidth=1.0, zorder=1)
     few = len(points) <= _FEW_POINTS
@@ -56,8 +56,8 @@ def heights_figure(
 def difference_figure(group: Group, points: Sequence[Mapping[str, Any]], diameter_mm: float) -> Figure:
     """Where on the sheet the measured shape differs: normalised measured less simulated mean heights, in percent.
 
-    Each side is normalised by its own greatest height over the points that have both, as e_t is (Parsa et al., RoboSoft
-    2023, equation 2).
+    Each side is normalised by its own greatest height over the points that have both, as e_t is.
+    Source: Parsa et al., RoboSoft 2023, equation 2.
     """
     figure = Figure(figsize=(8.0, _HEIGHT_IN), layout="constrained")
     axes = figure.subplots()
@@ -77,14 +77,14 @@ def difference_figure(group: Group, points: Sequence[Mapping[str, Any]], diamete
 
 def point_order(group: Group) -> NDArray[np.int64]:
     """The points from the lowest to the highest simulated, or measured, height; what has none comes last."""
-    simulated = numbers(group.simulated_mm)
+    simulated = simulated_heights_mm(group)
     by = simulated if np.isfinite(simulated).any() else numbers(group.heights_mean_mm)
     return np.argsort(by, kind="stable")
 
 
 def signed_difference_percent(group: Group) -> NDArray[np.float64]:
     """Normalised measured less simulated heights (m,) in percent, NaN where there are not both."""
-    measured, simulated = numbers(group.heights_mean_mm), numbers(group.simulated_mm)
+    measured, simulated = numbers(group.heights_mean_mm), simulated_heights_mm(group)
     both = np.isfinite(measured) & np.isfinite(simulated)
     difference = np.full(len(measured), np.nan)
     if both.any() and min(np.abs(measured[both]).max(), np.abs(simulated[both]).max()) > 0:
@@ -92,6 +92,11 @@ def signed_difference_percent(group: Group) -> NDArray[np.float64]:
             measured[both] / np.abs(measured[both]).max() - simulated[both] / np.abs(simulated[both]).max()
         )
     return difference
+
+
+def simulated_heights_mm(group: Group) -> NDArray[np.float64]:
+    """The simulated heights (m,), NaN where nothing was simulated."""
+    return numbers(group.simulated_mm or (None,) * len(group.heights_mean_mm))
 
 
 def numbers(values: Sequence[float | None]) -> NDArray[np.float64]:
@@ -157,7 +162,7 @@ def _draw_difference(
         axes.plot(*place, "o", markersize=size * 0.8, fillstyle="none", color="#8c8c8c", linestyle="none")
         axes.plot(*place, "x", markersize=size * 0.4, color="#8c8c8c")
         return
-    colour = mappable.to_rgba(percent)
+    colour = mappable.to_rgba(np.array([percent]))[0]
     axes.plot(*place, "o", markersize=size, color=colour, markeredgecolor="#1d2329", zorder=5)
     if few:
         light = float(np.dot(colour[:3], (0.3, 0.59, 0.11))) > 0.5

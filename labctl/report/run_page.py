@@ -9,7 +9,12 @@ from matplotlib.figure import Figure
 from labctl.errors import BadInput
 from labctl.report.page import Table, filled_in
 from labctl.report.picture_style import picture_style, picture_uri
-from labctl.report.run_comparison import COMPARISON_WORDS, comparison_table, side_by_side_table
+from labctl.report.run_comparison import (
+    COMPARISON_WORDS,
+    comparison_table,
+    side_by_side_table,
+    unmatched_words,
+)
 from labctl.report.run_provenance import (
     clocks_table,
     events_table,
@@ -55,6 +60,7 @@ class _SectionShown:
     figures: list["_FigureShown"]
     tables: tuple[tuple[str, Table], ...]
     folded: tuple[tuple[str, Table], ...]
+    caption: str
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,7 @@ def run_page(views: Sequence[RunView]) -> str:
             side_by_side=side_by_side_table(views),
             comparisons=comparison_table(views),
             comparison_words=COMPARISON_WORDS,
+            unmatched=unmatched_words(views),
         )
 
 
@@ -120,7 +127,9 @@ def _section(section: Section) -> _SectionShown:
         _FigureShown(picture_uri(each.figure), each.alt, each.caption, _is_broad(each.figure))
         for each in section.figures
     ]
-    return _SectionShown(section.title, section.words, figures, section.tables, section.folded)
+    return _SectionShown(
+        section.title, section.words, figures, section.tables, section.folded, section.caption
+    )
 
 
 def _is_broad(figure: Figure) -> bool:

@@ -60,8 +60,7 @@ def _draw_whole(axes: Axes, attempt: Attempt, pressures: PressureSamples, tolera
     for window in attempt.windows:
         colour = _WINDOW_COLOURS[window.kind]
         axes.axvspan(window.start_s - start_s, window.end_s - start_s, color=colour, alpha=0.3, linewidth=0)
-    for level_psi in sorted({window.pressure_psi for window in _levels(attempt.windows)} - {None}):
-        assert level_psi is not None  # noqa: S101 - taken out above
+    for level_psi in {window.pressure_psi or 0.0 for window in _levels(attempt.windows)}:
         axes.axhspan(
             level_psi - tolerance_psi, level_psi + tolerance_psi, color=_BAND, alpha=0.45, linewidth=0
         )

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from labctl.config.design import Design, Face
 from labctl.errors import BadInput
 from labctl.report.page import Table
+from labctl.report.run_comparison import COMPARISON_WORDS, placements_table, published_layout
 from labctl.report.run_errors import errors_figure
 from labctl.report.run_heights import difference_figure, heights_figure, signed_difference_percent
 from labctl.report.run_pressures import pressure_figures
@@ -43,11 +44,13 @@ class Section:
     figures: tuple[Shown, ...] = ()
     tables: tuple[tuple[str, Table], ...] = ()
     folded: tuple[tuple[str, Table], ...] = ()
+    caption: str = ""
 
 
 def sections(view: RunView) -> Iterator[Section]:
     """The parts in the order of the page."""
     yield _overview(view)
+    yield from _placements(view)
     yield from _heights(view)
     yield from _relaxation(view)
     yield from _pressures(view)
@@ -71,7 +74,20 @@ def _errors_caption(view: RunView) -> str:
         "(Parsa et al., RoboSoft 2023, equation 2). The interval is a 95 % bootstrap interval of the mean over trials"
     )
     few = min((group.trials for group in view.summary.groups), default=0)
-    return f"{told}; with {few} trials it is narrower than 95 %." if 1 < few < 10 else f"{told}."
+    if not 1 < few < 10:
+        return f"{told}."
+    return f"{told}; with {few} trials it holds the true mean less often than that, which Student's t (above) does not."
+
+
+def _placements(view: RunView) -> Iterator[Section]:
+    """The published table's layout, and the placements against each other."""
+    if not view.placed or not view.summary.groups:
+        return
+    tables = [("e_t by fiber placement, mean ± sd over the trials", published_layout(view))]
+    compared = placements_table(view)
+    if compared.rows:
+        tables.append(("Against each other", compared))
+    yield Section("Fiber placements", tables=tuple(tables), caption=COMPARISON_WORDS if compared.rows else "")
 
 
 def _heights(view: RunView) -> Iterator[Section]:
@@ -119,8 +135,8 @@ def _relaxation(view: RunView) -> Iterator[Section]:
     figure = relaxation_figure([each for each in view.attempts if each.counts])
     if figure is not None:
         caption = (
-            "Mean height over the points after the vent began, and the fitted rest + amplitude · exp(−t / τ); ± is the "
-            "standard error of the fit."
+            "Mean height over the points after venting, and the fitted rest + amplitude · exp(−t / τ); ± is the standard "
+            "error of the fit."
         )
         shown = Shown(figure, "Height against time after the vent, with the fit", caption)
         yield Section("Relaxation", figures=(shown,))
@@ -159,8 +175,8 @@ def _pressures(view: RunView) -> Iterator[Section]:
         return
     missing = tuple(f"Trial {each.name}: {each.missing}." for each in view.attempts if each.missing)
     caption = (
-        f"On the right how far the pressure was from the level to hold, ±{view.tolerance_psi:g} psi, just before and while it "
-        "was measured; several levels lie over one another."
+        f"On the right how far the pressure was from the level to hold, ±{view.tolerance_psi:g} psi, just before and "
+        "while it was measured; several levels lie over one another."
     )
     figures = tuple(
         Shown(figure, "Pressure against time of each trial", caption)

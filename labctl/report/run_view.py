@@ -60,6 +60,11 @@ class RunView:
     design: Design | None
 
     @property
+    def trials(self) -> tuple[TrialRecord, ...]:
+        """The records of all attempts."""
+        return tuple(each.record for each in self.attempts)
+
+    @property
     def placed(self) -> bool:
         """Whether the run is of more than one placement of the fibers."""
         return len({each.record.placement for each in self.attempts}) > 1

@@ -109,7 +109,8 @@ def groups_table(view: RunView) -> Table:
         "pressure, psi",
         "trials",
         "e_t, mean ± sd",
-        "95 % interval of the mean",
+        "95 % interval (bootstrap)",
+        "95 % interval (Student's t)",
         *(("τ, mean ± sd",) if relaxing else ()),
     )
     rows = tuple(
@@ -119,7 +120,8 @@ def groups_table(view: RunView) -> Table:
             f"{group.pressure_psi:.2f}",
             str(group.trials),
             mean_sd(group.e_t_mean_percent, group.e_t_sd_percent, "%", 1),
-            interval(group),
+            interval_words(group.e_t_low_percent, group.e_t_high_percent),
+            interval_words(group.e_t_t_low_percent, group.e_t_t_high_percent),
             *((mean_sd(group.tau_mean_s, group.tau_sd_s, "s", 2),) if relaxing else ()),
         )
         for group in groups
@@ -127,11 +129,9 @@ def groups_table(view: RunView) -> Table:
     return Table(head, rows)
 
 
-def interval(group: Group) -> str:
-    """A group's interval in words."""
-    if group.e_t_low_percent is None or group.e_t_high_percent is None:
-        return NONE
-    return f"{group.e_t_low_percent:.1f} to {group.e_t_high_percent:.1f}\u00a0%"
+def interval_words(low: float | None, high: float | None) -> str:
+    """An interval of percentages in words."""
+    return NONE if low is None or high is None else f"{low:.1f}\u00a0to\u00a0{high:.1f}\u00a0%"
 
 
 def attempts_table(view: RunView) -> Table:
@@ -156,9 +156,9 @@ def attempts_table(view: RunView) -> Table:
             str(each.record.attempt),
             *((each.record.placement or NONE,) if placed else ()),
             *((each.record.pattern,) if several else ()),
-            clock_time(each.record.begun),
+            _begun(each, view),
             _took(each),
-            _levels(each, lambda level: f"{_number(level.lowest_psi)} to {_number(level.highest_psi)}"),
+            _levels(each, _held),
             _levels(
                 each,
                 lambda level: (
@@ -208,8 +208,20 @@ def clock_time(moment: Moment) -> str:
     except ValueError:
         return moment.wall
     zone = told.utcoffset()
-    name = "" if zone is None else " UTC" if zone == timedelta(0) else f" UTC{told.strftime('%z')}"
+    name = "" if zone is None else "\u00a0UTC" if zone == timedelta(0) else f"\u00a0UTC{told.strftime('%z')}"
     return f"{told:%Y-%m-%d %H:%M:%S}{name}"
+
+
+def _begun(attempt: Attempt, view: RunView) -> str:
+    """The time of day, with the date where it is not that of the run's begin."""
+    day, _, time = clock_time(attempt.record.begun).partition(" ")
+    return time if clock_time(view.run.begun).startswith(day) else f"{day} {time}"
+
+
+def _held(level: LevelResult) -> str:
+    if level.lowest_psi is None or level.highest_psi is None:
+        return NONE
+    return f"{level.lowest_psi:.2f}\u00a0to\u00a0{level.highest_psi:.2f}"
 
 
 def _took(attempt: Attempt) -> str:
