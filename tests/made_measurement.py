@@ -1,10 +1,13 @@
 """Runs as a ledger holds them, made up: synthetic heights, pressures and marker frames, all from plain functions."""
 
+import hashlib
 import json
 import math
 from dataclasses import asdict, replace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from labctl.config.load import design_text
 from labctl.config.rig import (
@@ -16,6 +19,7 @@ from labctl.config.rig import (
     ValvesConfig,
 )
 from labctl.ledger.records import EventRecord, Moment, RawFile, RunRecord, TrialRecord
+from labctl.ledger.writer import LedgerWriter
 from labctl.measurement.result import ClockFit, LevelResult, RelaxationResult, TrialResult
 from labctl.measurement.windows import Window
 from labctl.mocap.transfer import transfer_error
@@ -37,6 +41,8 @@ OFFSET_S = 5000.0
 BEGUN_S = 100.0
 BASELINE = Window("baseline", OFFSET_S + 2.0, OFFSET_S + 3.0)
 DEFAULT_PRESSURES_PSI = (3.9,)
+# Frames that never came, and (frame, marker) that were not seen.
+GAPS = {"lost": (1000, 1001, 1002, 3000), "hidden": ((500, 3), (501, 3))}
 
 
 def grid_points(count):
@@ -316,3 +322,44 @@ def to_instrument(sheet_mm):
     cosine, sine = math.cos(math.pi / 6), math.sin(math.pi / 6)
     rotation = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
     return sheet_mm @ rotation.T + np.array([400.0, -200.0, 600.0])
+
+
+def ledger(folder, *runs_with_trials, recorded=True, event_kinds=("trial-begun", "finished")):
+    """A ledger in a folder: runs (numbered as they come) with their trials, and the trials' raw files.
+
+    Every trial is recorded as `frames` and `pressures` say, with the gaps and occlusions of `GAPS`.
+    """
+    with LedgerWriter.open(folder, lambda words: None) as writer:
+        for run_asked, trials in runs_with_trials:
+            begun = writer.begin_run(replace(run_asked, number=0))
+            for each in trials:
+                raw = record(folder, begun, each) if recorded and each.raw else each.raw
+                writer.add_trial(replace(each, run=begun.number, raw=raw))
+            for event in events(begun, *event_kinds):
+                writer.add_event(event)
+    return folder
+
+
+def record(folder, of, each):
+    """A trial's raw files, as the recorder writes them."""
+    stem = f"raw/{of.number:04d}-{of.protocol}/trial-{each.number:02d}-{each.attempt}"
+    (folder / stem).parent.mkdir(parents=True, exist_ok=True)
+    batch = frames(of, each.pattern, each.pressures_psi, seed=10 * each.number + each.attempt, **GAPS)
+    samples = pressures(each.pressures_psi, seed=each.number)
+    offsets = pa.array(batch.starts.astype(np.int32))
+    columns = {"id": batch.ids, "cond": batch.cond}
+    columns |= {f"{axis}_mm": batch.positions_mm[:, n] for n, axis in enumerate("xyz")}
+    table = pa.table(
+        {"time_s": batch.time_s, "arrival_s": batch.arrival_s}
+        | {name: pa.ListArray.from_arrays(offsets, pa.array(values)) for name, values in columns.items()}
+    )
+    pq.write_table(table, folder / f"{stem}.frames.parquet")
+    names = ("asked_s", "came_s", "gauge_psi", "setpoint_psi")
+    table = pa.table({name: getattr(samples, name) for name in names} | {"status": list(samples.status)})
+    pq.write_table(table, folder / f"{stem}.pressures.parquet")
+    return {kind: _raw_file(folder, f"{stem}.{kind}.parquet") for kind in ("frames", "pressures")}
+
+
+def _raw_file(folder, path):
+    content = (folder / path).read_bytes()
+    return RawFile(path, hashlib.sha256(content).hexdigest(), len(content))

@@ -28,6 +28,7 @@ COMMANDS = {
     "status": ("labctl.cli.status", "status", "What the instruments read now; changes nothing."),
     "doctor": ("labctl.cli.doctor", "doctor", "Who is connected and which protections this rig really has."),
     "report": ("labctl.cli.report", "report", "Runs of a ledger as one HTML page."),
+    "export": ("labctl.cli.export", "export", "A run as CSV, Parquet or C3D files."),
     "simulate": ("labctl.cli.simulate", "simulate", "The shape of a pattern or of a voxel file."),
     "evolve": ("labctl.cli.evolve", "evolve", "Search for fiber layouts that take several shapes."),
     "compare": ("labctl.cli.compare", "compare", "Measured heights against a pattern's simulation."),

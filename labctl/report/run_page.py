@@ -81,7 +81,8 @@ def write_run_page(path: Path, views: Sequence[RunView]) -> None:
         raise BadInput("no run to report; name one or more, for example: labctl report last")
     page = run_page(views)
     with whole_file(path) as unfinished:
-        unfinished.write_text(page, encoding="utf-8")
+        # A half of a letter that a terminal of another code page left in a note has no place in UTF-8.
+        unfinished.write_text(page, encoding="utf-8", errors="replace")
 
 
 def run_page(views: Sequence[RunView]) -> str:

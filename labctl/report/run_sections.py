@@ -76,7 +76,7 @@ def _errors_caption(view: RunView) -> str:
     few = min((group.trials for group in view.summary.groups), default=0)
     if not 1 < few < 10:
         return f"{told}."
-    return f"{told}; with {few} trials it holds the true mean less often than that, which Student's t (above) does not."
+    return f"{told}; of {few} trials it is too narrow, which Student's t, in the table above, is not."
 
 
 def _placements(view: RunView) -> Iterator[Section]:
@@ -135,8 +135,8 @@ def _relaxation(view: RunView) -> Iterator[Section]:
     figure = relaxation_figure([each for each in view.attempts if each.counts])
     if figure is not None:
         caption = (
-            "Mean height over the points after venting, and the fitted rest + amplitude · exp(−t / τ); ± is the standard "
-            "error of the fit."
+            "Mean height over the points after venting, and the fitted rest + amplitude · exp(−t / τ); ± is the "
+            "standard error of the fit."
         )
         shown = Shown(figure, "Height against time after the vent, with the fit", caption)
         yield Section("Relaxation", figures=(shown,))

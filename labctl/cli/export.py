@@ -1,0 +1,58 @@
+"""`labctl export`: a run in files that other programs read."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from labctl.cli.ledgers import ledger_option
+from labctl.cli.output import emit_json
+from labctl.cli.rigs import json_option
+
+if TYPE_CHECKING:
+    from labctl.export.run_export import Format
+
+_FORMATS: "tuple[Format, ...]" = ("csv", "parquet", "c3d")
+
+
+@click.command()
+@click.argument("run")
+@click.option(
+    "--format",
+    "kind",
+    type=click.Choice(_FORMATS),
+    required=True,
+    help="Tables as CSV, tables and raw files as Parquet, or a C3D file a trial.",
+)
+@click.option(
+    "--out",
+    "out_path",
+    type=click.Path(path_type=Path),
+    help="The folder, which must not be there yet.  [default: run-RUN-FORMAT]",
+)
+@ledger_option
+@json_option
+def export(run: str, kind: "Format", out_path: Path | None, ledger: Path, as_json: bool) -> None:
+    """Write a run's numbers and recordings into a folder of their own.
+
+    RUN is a run's number, or "last".
+    """
+    from labctl.export.run_export import export_run
+    from labctl.ledger.ledger import Ledger
+
+    with Ledger.open(ledger, lambda text: click.echo(f"labctl: {text}", err=True)) as opened:
+        record = opened.find(run)
+        exported = export_run(opened, record, kind, out_path or Path(f"run-{record.number:04d}-{kind}"))
+    if as_json:
+        emit_json(
+            {
+                "folder": str(exported.folder),
+                "files": list(exported.files),
+                "left_out": list(exported.left_out),
+            }
+        )
+        return
+    for words in exported.left_out:
+        click.echo(f"labctl: {words}", err=True)
+    for name in exported.files:
+        click.echo(f"written: {exported.folder / name}")

@@ -1,0 +1,1 @@
+"""A run's numbers and recordings in files that other programs read."""
