@@ -1,9 +1,9 @@
 """A trial's motion as C3D files (c3d.org), written by ezc3d.
 
 POINT: the markers, labelled M0, M1, ... after their ids, in mm; a sample that was not seen has residual -1 and
-zeros, one that was seen has residual 0, because the marker server says none. ANALOG: "pressure" and "setpoint" in psi,
-a sample a frame. EVENT: where each window begins and ends. LABCTL: the run, the frame of reference, and how long after
-the recording's first frame the file starts.
+zeros, one that was seen has residual 0, because the marker server says none. ANALOG: "pressure" and "setpoint" in
+psi, a sample a frame. EVENT: where each window begins and ends. LABCTL: the run, the frame of reference, and how
+long after the recording's first frame the file starts.
 """
 
 from collections.abc import Mapping

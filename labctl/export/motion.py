@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.errors import LabError
-from labctl.measurement.marker_samples import samples_mm
 from labctl.measurement.recording import Recording
 from labctl.measurement.windows import Window
 from labctl.mocap.errors import FrameRefused
 from labctl.mocap.frame import SheetFrame, fit_sheet_frame
+from labctl.mocap.window import samples
 
 # A server's clock that leaps leaves a gap that no recording has.
 _LONGEST_GAP_S = 600.0
@@ -51,7 +51,7 @@ def motion_of(recording: Recording, windows: Sequence[Window]) -> Motion:
     grid = np.rint((frames.time_s - frames.time_s[0]) * basis.frequency_hz).astype(np.int64)
     places, first = np.unique(grid, return_index=True)
     positions_mm = np.full((int(grid[-1]) + 1, len(ids), 3), np.nan)
-    positions_mm[places] = samples_mm(frames, ids)[first]
+    positions_mm[places] = samples(frames, ids)[0][first]
     frame = sheet_frame_of(recording, windows)
     if frame is not None:
         positions_mm = frame.to_sheet(positions_mm)
@@ -94,8 +94,8 @@ def _require_no_leap(time_s: NDArray[np.float64]) -> None:
     if len(gaps_s) and gaps_s.max() > _LONGEST_GAP_S:
         at = int(gaps_s.argmax())
         raise LabError(
-            f"the marker server's clock leaps by {gaps_s[at]:.0f} s after frame {at + 1} of {len(time_s)}, above the "
-            f"{_LONGEST_GAP_S:.0f} s that an even grid of frames is filled over; export the run as parquet, which keeps "
+            f"the marker server's clock leaps by {gaps_s[at]:.0f} s after frame {at + 1} of {len(time_s)}; an even "
+            f"grid of frames is filled over {_LONGEST_GAP_S:.0f} s at most. Export the run as parquet, which keeps "
             "each frame's own time"
         )
 

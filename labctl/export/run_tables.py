@@ -85,7 +85,7 @@ def meaning(column: str) -> str:
 def _with_counts(table: pd.DataFrame, trials: Sequence[TrialRecord]) -> pd.DataFrame:
     good = {(trial.number, trial.attempt) for trial in good_trials(trials)}
     counts = [pair in good for pair in zip(table["trial"], table["attempt"], strict=True)]
-    table.insert(int(table.columns.get_indexer(["outcome"])[0]) + 1, "counts", counts)
+    table.insert(list(table.columns).index("outcome") + 1, "counts", counts)
     return table
 
 

@@ -47,7 +47,7 @@ def average(frames: MarkerFrames, ids: Sequence[int], min_share: float = MIN_SHA
         raise ValueError(f"min_share {min_share} is not above 0 and at most 1")
     if not len(frames):
         raise NoFrames("no marker frame came in the window; check that the marker server streams")
-    samples_mm, unknown = _samples(frames, ids)
+    samples_mm, unknown = samples(frames, ids)
     # A sample is whole or NaN, so one axis tells for all three.
     is_seen = ~np.isnan(samples_mm[:, :, 0])
     seen = is_seen.sum(axis=0)
@@ -70,7 +70,7 @@ def average(frames: MarkerFrames, ids: Sequence[int], min_share: float = MIN_SHA
     )
 
 
-def _samples(frames: MarkerFrames, ids: Sequence[int]) -> tuple[NDArray[np.float64], int]:
+def samples(frames: MarkerFrames, ids: Sequence[int]) -> tuple[NDArray[np.float64], int]:
     """Positions (frames, m, 3) in mm, NaN where not seen; and how many samples were of other markers."""
     wanted = np.array(ids, dtype=np.int64)
     order = np.argsort(wanted)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from labctl.report.page import Table
 from labctl.report.run_view import RunView
-from labctl.report.run_words import NONE, clock_time, interval_words, mean_sd
+from labctl.report.run_words import NONE, clock_time, interval_words, mean_sd, name, signed
 from labctl.statistics.comparison import (
     GroupComparison,
     GroupName,
@@ -54,8 +54,8 @@ def side_by_side_table(views: Sequence[RunView]) -> Table:
         rows += [
             (
                 *named,
-                group.placement or NONE,
-                group.pattern,
+                name(group.placement) or NONE,
+                name(group.pattern),
                 f"{group.pressure_psi:.2f}",
                 str(group.trials),
                 mean_sd(group.e_t_mean_percent, group.e_t_sd_percent, "%", 1),
@@ -84,7 +84,7 @@ def unmatched_words(views: Sequence[RunView]) -> str:
     for first, other in ((views[0], other) for other in views[1:]):
         compared = compare_runs(first.run, first.trials, other.run, other.trials)
         names |= dict.fromkeys(compared.unmatched)
-    return f"Not compared, having no like: {'; '.join(name.describe() for name in names)}." if names else ""
+    return f"Not compared, having no like: {'; '.join(each.describe() for each in names)}." if names else ""
 
 
 def placements_table(view: RunView) -> Table:
@@ -97,9 +97,9 @@ def published_layout(view: RunView) -> Table:
     """e_t by placement and pattern (Parsa et al., RoboSoft 2023, Table III)."""
     table = table_iii([view.summary])
     rows = tuple(
-        (str(name), *map(str, cells)) for name, cells in zip(table.index, table.to_numpy(), strict=True)
+        (name(str(row)), *map(str, cells)) for row, cells in zip(table.index, table.to_numpy(), strict=True)
     )
-    return Table((str(table.index.name), *map(str, table.columns)), rows)
+    return Table((str(table.index.name), *(name(str(column)) for column in table.columns)), rows)
 
 
 def _row(compared: GroupComparison, *, of_runs: bool) -> tuple[str, ...]:
@@ -107,22 +107,22 @@ def _row(compared: GroupComparison, *, of_runs: bool) -> tuple[str, ...]:
     return (
         _name(compared.one, of_runs=of_runs),
         _name(compared.other, of_runs=of_runs),
-        NONE if trials is None else f"{trials.difference_percent:+.2f}",
+        NONE if trials is None else signed(trials.difference_percent, 2),
         NONE if trials is None else _interval(trials.welch),
         NONE if trials is None else _p(trials.welch_p),
-        NONE if points is None else f"{points.difference_percent:+.2f}",
+        NONE if points is None else signed(points.difference_percent, 2),
         NONE if points is None else _interval(points.bootstrap),
         NONE if points is None else _p(points.wilcoxon_p),
     )
 
 
-def _name(name: GroupName, *, of_runs: bool) -> str:
-    run = f"run {name.run}: " if of_runs else ""
-    return f"{run}{name.pattern}, {name.placement}, {name.pressure_psi:.2f}\u00a0psi"
+def _name(group: GroupName, *, of_runs: bool) -> str:
+    run = f"run {group.run}: " if of_runs else ""
+    return f"{run}{name(group.pattern)}, {name(group.placement)}, {group.pressure_psi:.2f}\u00a0psi"
 
 
 def _interval(interval: Interval | None) -> str:
-    return NONE if interval is None else f"{interval.low:+.2f} to {interval.high:+.2f}"
+    return NONE if interval is None else f"{signed(interval.low, 2)}\u00a0to\u00a0{signed(interval.high, 2)}"
 
 
 def _p(p: float | None) -> str:

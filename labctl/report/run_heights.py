@@ -166,7 +166,7 @@ def _draw_difference(
     axes.plot(*place, "o", markersize=size, color=colour, markeredgecolor="#1d2329", zorder=5)
     if few:
         light = float(np.dot(colour[:3], (0.3, 0.59, 0.11))) > 0.5
-        text = f"{percent:+.0f}" if round(percent) else "0"
+        text = f"{percent:+.0f}".replace("-", "\u2212") if round(percent) else "0"
         axes.annotate(
             text,
             place,

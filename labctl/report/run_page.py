@@ -25,10 +25,11 @@ from labctl.report.run_provenance import (
 )
 from labctl.report.run_sections import Section, sections
 from labctl.report.run_view import RunView
-from labctl.report.run_words import glance, groups_table, headline, state_words, title
+from labctl.report.run_words import glance, groups_table, headline, title, unfinished
 from labctl.whole_file import whole_file
 
 SIMULATED = "SIMULATED RIG: byte-level doubles answered; no real instrument was connected"
+_FIGURES_A_PAGE = 2
 SOME_SIMULATED = "Some of these runs are of a SIMULATED RIG; each says so"
 
 
@@ -38,7 +39,7 @@ class _RunShown:
     title: str
     headline: str
     simulated: str
-    state: str
+    unfinished: str
     glance: list[tuple[str, str]]
     groups: Table
     note: str
@@ -61,6 +62,7 @@ class _SectionShown:
     tables: tuple[tuple[str, Table], ...]
     folded: tuple[tuple[str, Table], ...]
     caption: str
+    whole: bool
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ def run_page(views: Sequence[RunView]) -> str:
     with picture_style():
         return filled_in(
             "run.html",
-            title=", ".join(title(view.run) for view in views),
+            title=_title(views),
             simulated=_simulated(views),
             runs=[_shown(view) for view in views],
             side_by_side=side_by_side_table(views),
@@ -100,6 +102,12 @@ def run_page(views: Sequence[RunView]) -> str:
         )
 
 
+def _title(views: Sequence[RunView]) -> str:
+    if len(views) == 1:
+        return title(views[0].run)
+    return f"Runs {', '.join(str(view.run.number) for view in views[:-1])} and {views[-1].run.number}"
+
+
 def _shown(view: RunView) -> _RunShown:
     run = view.run
     return _RunShown(
@@ -107,7 +115,7 @@ def _shown(view: RunView) -> _RunShown:
         title=title(run),
         headline=headline(view),
         simulated=_simulated([view]),
-        state="" if view.state == "finished" else state_words(view),
+        unfinished=unfinished(view),
         glance=glance(view),
         groups=groups_table(view),
         note=run.note,
@@ -128,8 +136,10 @@ def _section(section: Section) -> _SectionShown:
         _FigureShown(picture_uri(each.figure), each.alt, each.caption, _is_broad(each.figure))
         for each in section.figures
     ]
+    # A page of paper holds so much; what is longer may break.
+    whole = len(figures) <= _FIGURES_A_PAGE and not section.tables
     return _SectionShown(
-        section.title, section.words, figures, section.tables, section.folded, section.caption
+        section.title, section.words, figures, section.tables, section.folded, section.caption, whole
     )
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from labctl.ledger.records import RunRecord
 from labctl.report.page import Table
 from labctl.report.run_view import RunView
-from labctl.report.run_words import NONE, clock_time, state_words
+from labctl.report.run_words import NONE, clock_time, signed
 
 _INSTRUMENTS = ("regulator", "valves", "markers")
 
@@ -26,7 +26,7 @@ def provenance(view: RunView) -> list[tuple[str, str]]:
             f"trip at {limits['trip_pressure_psi']:g} psi",
         ),
         ("begun", clock_time(run.begun)),
-        ("state", state_words(view)),
+        ("state", view.state),
         ("operator", run.operator or NONE),
         ("note", run.note or NONE),
         ("versions", ", ".join(f"{name} {version}" for name, version in run.versions.items()) or NONE),
@@ -56,7 +56,7 @@ def clocks_table(view: RunView) -> Table:
         (
             each.name,
             f"{clock.offset_s:.4f}",
-            f"{clock.drift_ppm:+.1f}",
+            signed(clock.drift_ppm, 1),
             f"{1e3 * clock.delay_p50_s:.1f}",
             f"{1e3 * clock.delay_p99_s:.1f}",
             str(clock.frames),

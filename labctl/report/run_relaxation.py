@@ -29,10 +29,13 @@ def relaxation_figure(attempts: Sequence[Attempt]) -> Figure | None:
         colour = _COLOURS[n % len(_COLOURS)]
         time_s, height_mm = np.array(relaxation.time_s), numbers(relaxation.height_mm)
         label = f"trial {attempt.name}{_tau(relaxation)}"
-        heights.plot(time_s, height_mm, ".", color=colour, markersize=6, label=label)
         fitted_mm = fit_mm(relaxation)
+        # The legend shows the line, which is easier to see; without one, the points.
+        heights.plot(
+            time_s, height_mm, ".", color=colour, markersize=6, label=label if fitted_mm is None else "_"
+        )
         if fitted_mm is not None:
-            heights.plot(time_s, fitted_mm, color=colour, linewidth=1.8)
+            heights.plot(time_s, fitted_mm, color=colour, linewidth=1.8, label=label)
             rests.plot(time_s, height_mm - fitted_mm, ".-", color=colour, linewidth=0.8, markersize=5)
     heights.set(xlabel="time from the vent, s", ylabel="mean height, mm")
     rests.set(xlabel="time from the vent, s", ylabel="measured less fitted, mm")

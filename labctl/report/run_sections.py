@@ -15,7 +15,7 @@ from labctl.report.run_pressures import pressure_figures
 from labctl.report.run_relaxation import relaxation_figure
 from labctl.report.run_sheet import face_figure
 from labctl.report.run_view import RunView
-from labctl.report.run_words import attempts_table, group_name, group_sentence, points_table
+from labctl.report.run_words import attempts_table, group_name, group_sentence, name, points_table
 from labctl.statistics.summary import Group
 
 _FACES: tuple[Face, ...] = ("top", "bottom")
@@ -99,11 +99,11 @@ def _heights(view: RunView) -> Iterator[Section]:
         ]
         if not any(height is not None for height in group.heights_mean_mm):
             continue
-        name = group_name(view, group)
+        called = group_name(view, group)
         shown = [
             Shown(
                 heights_figure(group, view.points, trials_mm),
-                f"Measured and simulated heights: {name}",
+                f"Measured and simulated heights: {called}",
                 _heights_caption(group),
             )
         ]
@@ -112,13 +112,13 @@ def _heights(view: RunView) -> Iterator[Section]:
             shown.append(
                 Shown(
                     difference_figure(group, view.points, diameter_mm),
-                    f"Where measured and simulated heights differ: {name}",
+                    f"Where measured and simulated heights differ: {called}",
                     "Where it is off: measured less simulated mean height, each side in percent of its own greatest, "
                     "as in e_t; orange is too high, purple too low.",
                 )
             )
         yield Section(
-            f"Heights: {name}",
+            f"Heights: {called}",
             (f"{group_sentence(view, group)}.",),
             tuple(shown),
             folded=((f"The {len(view.points)} points as a table", points_table(view, group)),),
@@ -159,7 +159,7 @@ def _sheets(view: RunView) -> tuple[list[Shown], list[str]]:
                 except BadInput as error:
                     words.append(f"{error}.")
                     break
-                caption = f"Jammed for {pattern}. {_FACE_WORDS[face]}"
+                caption = f"Jammed for {name(pattern)}. {_FACE_WORDS[face]}"
                 shown.append(Shown(figure, f"Fibers of the {face} face, jammed for {pattern}", caption))
     if not _has_fibers(view.design, "bottom"):
         words.append("All fibers are on the top face.")

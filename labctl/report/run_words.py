@@ -9,16 +9,12 @@ from labctl.ledger.state import RunState
 from labctl.measurement.result import LevelResult
 from labctl.report.evolution_words import duration
 from labctl.report.page import Table
+from labctl.report.picture_style import shortened
 from labctl.report.run_view import Attempt, RunView
 from labctl.statistics.summary import Group
 
 NONE = "–"
-_STATE_WORDS: Mapping[RunState, str] = {
-    "finished": "finished",
-    "failed": "failed: a trial was not good in any of its attempts",
-    "interrupted": "interrupted: labctl run --continue goes on with it",
-    "running": "running: this page shows it as far as it had come",
-}
+_LONGEST_NAME = 40
 
 
 def title(run: RunRecord) -> str:
@@ -68,12 +64,28 @@ def mean_sd(mean: float | None, sd: float | None, unit: str, decimals: int) -> s
     if mean is None:
         return NONE
     told = f"{mean:.{decimals}f}\u00a0{unit}"
-    return told if sd is None else f"{told} ±\u00a0{sd:.{decimals}f}\u00a0{unit}"
+    return told if sd is None else f"{told}\u00a0±\u00a0{sd:.{decimals}f}\u00a0{unit}"
 
 
-def state_words(view: RunView) -> str:
-    """How a run stands."""
-    return _STATE_WORDS[view.state]
+def unfinished(view: RunView) -> str:
+    """What to say first of a run that is not finished; "" of one that is."""
+    words: Mapping[RunState, str] = {
+        "finished": "",
+        "failed": "This run failed: a trial was not good in any of its attempts.",
+        "interrupted": f"This run was interrupted; labctl run --continue {view.run.number} goes on with it.",
+        "running": "This run is still running; the page shows what was committed so far.",
+    }
+    return words[view.state]
+
+
+def name(text: str) -> str:
+    """A pattern's or placement's name, short enough for a table."""
+    return shortened(text, _LONGEST_NAME)
+
+
+def signed(value: float, decimals: int) -> str:
+    """A number with its sign, the minus as it is printed."""
+    return f"{value:+.{decimals}f}".replace("-", "\u2212")
 
 
 def glance(view: RunView) -> list[tuple[str, str]]:
@@ -115,8 +127,8 @@ def groups_table(view: RunView) -> Table:
     )
     rows = tuple(
         (
-            *((group.placement or NONE,) if placed else ()),
-            group.pattern,
+            *((name(group.placement) or NONE,) if placed else ()),
+            name(group.pattern),
             f"{group.pressure_psi:.2f}",
             str(group.trials),
             mean_sd(group.e_t_mean_percent, group.e_t_sd_percent, "%", 1),
@@ -154,8 +166,8 @@ def attempts_table(view: RunView) -> Table:
         (
             str(each.record.number),
             str(each.record.attempt),
-            *((each.record.placement or NONE,) if placed else ()),
-            *((each.record.pattern,) if several else ()),
+            *((name(each.record.placement) or NONE,) if placed else ()),
+            *((name(each.record.pattern),) if several else ()),
             _begun(each, view),
             _took(each),
             _levels(each, _held),
@@ -245,7 +257,7 @@ def _judged(attempt: Attempt) -> str:
 
 def _subject(view: RunView) -> str:
     patterns = view.run.request.get("patterns") or [view.run.design_name]
-    told = ", ".join(map(str, patterns))
+    told = ", ".join(name(str(each)) for each in patterns)
     return told[:1].upper() + told[1:]
 
 
@@ -255,8 +267,8 @@ def _after(view: RunView) -> str:
 
 
 def _where(view: RunView, group: Group) -> str:
-    placed = f", {group.placement}," if view.placed and group.placement else ""
-    return f"{group.pattern}{placed} at {group.pressure_psi:.2f}\u00a0psi"
+    placed = f", {name(group.placement)}," if view.placed and group.placement else ""
+    return f"{name(group.pattern)}{placed} at {group.pressure_psi:.2f}\u00a0psi"
 
 
 def _e_t(group: Group) -> float:
