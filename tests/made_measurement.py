@@ -1,13 +1,10 @@
 """Runs as a ledger holds them, made up: synthetic heights, pressures and marker frames, all from plain functions."""
 
-import hashlib
 import json
 import math
 from dataclasses import asdict, replace
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from labctl.config.load import design_text
 from labctl.config.rig import (
@@ -18,12 +15,13 @@ from labctl.config.rig import (
     RigConfig,
     ValvesConfig,
 )
+from labctl.ledger.raw import RawRecorder
 from labctl.ledger.records import EventRecord, Moment, RawFile, RunRecord, TrialRecord
 from labctl.ledger.writer import LedgerWriter
 from labctl.measurement.result import ClockFit, LevelResult, RelaxationResult, TrialResult
 from labctl.measurement.windows import Window
 from labctl.mocap.transfer import transfer_error
-from labctl.readings import MarkerFrames, PressureSamples
+from labctl.readings import MarkerFrames, PressureReading, PressureSample, PressureSamples
 
 _INNER_MM = (52.5, 87.5)
 _ALL_MM = (17.5, 52.5, 87.5, 122.5)
@@ -341,25 +339,15 @@ def ledger(folder, *runs_with_trials, recorded=True, event_kinds=("trial-begun",
 
 
 def record(folder, of, each):
-    """A trial's raw files, as the recorder writes them."""
+    """A trial's raw files, by the ledger's own recorder."""
     stem = f"raw/{of.number:04d}-{of.protocol}/trial-{each.number:02d}-{each.attempt}"
-    (folder / stem).parent.mkdir(parents=True, exist_ok=True)
-    batch = frames(of, each.pattern, each.pressures_psi, seed=10 * each.number + each.attempt, **GAPS)
-    samples = pressures(each.pressures_psi, seed=each.number)
-    offsets = pa.array(batch.starts.astype(np.int32))
-    columns = {"id": batch.ids, "cond": batch.cond}
-    columns |= {f"{axis}_mm": batch.positions_mm[:, n] for n, axis in enumerate("xyz")}
-    table = pa.table(
-        {"time_s": batch.time_s, "arrival_s": batch.arrival_s}
-        | {name: pa.ListArray.from_arrays(offsets, pa.array(values)) for name, values in columns.items()}
+    recorder = RawRecorder(folder, stem)
+    recorder.take_frames(
+        frames(of, each.pattern, each.pressures_psi, seed=10 * each.number + each.attempt, **GAPS)
     )
-    pq.write_table(table, folder / f"{stem}.frames.parquet")
-    names = ("asked_s", "came_s", "gauge_psi", "setpoint_psi")
-    table = pa.table({name: getattr(samples, name) for name in names} | {"status": list(samples.status)})
-    pq.write_table(table, folder / f"{stem}.pressures.parquet")
-    return {kind: _raw_file(folder, f"{stem}.{kind}.parquet") for kind in ("frames", "pressures")}
-
-
-def _raw_file(folder, path):
-    content = (folder / path).read_bytes()
-    return RawFile(path, hashlib.sha256(content).hexdigest(), len(content))
+    samples = pressures(each.pressures_psi, seed=each.number)
+    readings = zip(samples.gauge_psi, samples.setpoint_psi, samples.asked_s, samples.came_s, strict=True)
+    for gauge_psi, setpoint_psi, asked_s, came_s in readings:
+        reading = PressureReading(float(gauge_psi), float(setpoint_psi))
+        recorder.take_pressure(PressureSample(reading, float(asked_s), float(came_s)))
+    return recorder.finish()

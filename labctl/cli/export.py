@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from labctl.cli.ledgers import ledger_option
+from labctl.cli.ledgers import ledger_option, tell
 from labctl.cli.output import emit_json
 from labctl.cli.rigs import json_option
 
@@ -32,7 +32,7 @@ _FORMATS: "tuple[Format, ...]" = ("csv", "parquet", "c3d")
 )
 @ledger_option
 @json_option
-def export(run: str, kind: "Format", out_path: Path | None, ledger: Path, as_json: bool) -> None:
+def export(run: str, kind: "Format", out_path: Path | None, ledger_folder: Path, as_json: bool) -> None:
     """Write a run's numbers and recordings into a folder of their own.
 
     RUN is a run's number, or "last".
@@ -40,9 +40,9 @@ def export(run: str, kind: "Format", out_path: Path | None, ledger: Path, as_jso
     from labctl.export.run_export import export_run
     from labctl.ledger.ledger import Ledger
 
-    with Ledger.open(ledger, lambda text: click.echo(f"labctl: {text}", err=True)) as opened:
-        record = opened.find(run)
-        exported = export_run(opened, record, kind, out_path or Path(f"run-{record.number:04d}-{kind}"))
+    with Ledger.open(ledger_folder, tell) as ledger:
+        record = ledger.find(run)
+        exported = export_run(ledger, record, kind, out_path or Path(f"run-{record.number:04d}-{kind}"))
     if as_json:
         emit_json(
             {

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from labctl.cli.ledgers import ledger_option
+from labctl.cli.ledgers import ledger_option, tell
 from labctl.cli.output import emit_json
 from labctl.cli.rigs import json_option
 
@@ -19,7 +19,7 @@ from labctl.cli.rigs import json_option
 )
 @ledger_option
 @json_option
-def report(runs: tuple[str, ...], out_path: Path | None, ledger: Path, as_json: bool) -> None:
+def report(runs: tuple[str, ...], out_path: Path | None, ledger_folder: Path, as_json: bool) -> None:
     """Write runs as one page that needs nothing but itself: figures, every attempt, where the numbers come from.
 
     RUN is a run's number, or "last". Several runs are put side by side, and compared where they can be.
@@ -27,7 +27,7 @@ def report(runs: tuple[str, ...], out_path: Path | None, ledger: Path, as_json: 
     from labctl.report.run_page import write_run_page
     from labctl.report.run_reading import read_views
 
-    views = read_views(ledger, runs, lambda text: click.echo(f"labctl: {text}", err=True))
+    views = read_views(ledger_folder, runs, tell)
     path = out_path or Path(f"report-{'-'.join(f'{view.run.number:04d}' for view in views)}.html")
     replaced = path.is_file()
     write_run_page(path, views)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.errors import LabError
+from labctl.measurement.clock_fit import lab_times_s
 from labctl.measurement.recording import Recording
 from labctl.measurement.windows import Window
 from labctl.mocap.errors import FrameRefused
@@ -56,7 +57,7 @@ def motion_of(recording: Recording, windows: Sequence[Window]) -> Motion:
     if frame is not None:
         positions_mm = frame.to_sheet(positions_mm)
     server_s = frames.time_s[0] + np.arange(len(positions_mm)) / basis.frequency_hz
-    lab_s = recording.clock.offset_s + (1 + recording.clock.drift_ppm / 1e6) * server_s
+    lab_s = lab_times_s(recording.clock, server_s)
     pressures = recording.pressures
     readings = (pressures.gauge_psi, pressures.setpoint_psi)
     gauge_psi, setpoint_psi = (
