@@ -1,6 +1,7 @@
 """A run as tables, every column with its unit and meaning."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import pandas as pd
 
@@ -51,7 +52,6 @@ COLUMNS: Mapping[str, str] = {
     "time_s": "time since the relaxation's window began, s",
 }
 _PRESSURE_COLUMNS = ("run", "trial", "attempt", "asked_s", "came_s", "gauge_psi", "setpoint_psi", "status")
-_WRITTEN_BY_PEOPLE = {"reason", "placement", "pattern"}
 _HEIGHT_COLUMN = "z_mm_at_"
 _HEIGHT_WORDS = "mean height over the good trials at this gauge pressure, above the uninflated sheet, mm"
 
@@ -64,6 +64,7 @@ def run_tables(
     Raises:
         LabError: a trial's pressures cannot be read.
     """
+    trials = [_in_utf8(trial) for trial in trials]
     tables = {
         "trials": _with_times(_with_counts(trials_table(run, trials), trials), trials),
         "points": _with_counts(points_table(run, trials), trials),
@@ -74,7 +75,7 @@ def run_tables(
         tables["relaxation"] = relaxation
     if run.protocol == CALIBRATION and good_trials(trials):
         tables[CALIBRATION] = calibration_table(run, trials)
-    return {name: _in_utf8(table) for name, table in tables.items()}
+    return tables
 
 
 def meaning(column: str) -> str:
@@ -97,11 +98,10 @@ def _with_times(table: pd.DataFrame, trials: Sequence[TrialRecord]) -> pd.DataFr
     return table
 
 
-def _in_utf8(table: pd.DataFrame) -> pd.DataFrame:
-    """A half of a letter, which a terminal of another code page may leave in a text, has no place in a file."""
-    for name in set(table.columns) & _WRITTEN_BY_PEOPLE:
-        table[name] = [text.encode("utf-8", "replace").decode() for text in table[name]]
-    return table
+def _in_utf8(trial: TrialRecord) -> TrialRecord:
+    """A half of a letter, which a terminal of another code page may leave in a text, has no place in a table."""
+    reason, placement = (text.encode("utf-8", "replace").decode() for text in (trial.reason, trial.placement))
+    return replace(trial, reason=reason, placement=placement)
 
 
 def _pressures(

@@ -26,7 +26,7 @@ from labctl.report.run_provenance import (
 from labctl.report.run_sections import Section, sections
 from labctl.report.run_view import RunView
 from labctl.report.run_words import glance, groups_table, headline, title, unfinished
-from labctl.whole_file import whole_file
+from labctl.whole_file import check_writable, whole_file
 
 SIMULATED = "SIMULATED RIG: byte-level doubles answered; no real instrument was connected"
 _FIGURES_A_PAGE = 2
@@ -81,6 +81,7 @@ def write_run_page(path: Path, views: Sequence[RunView]) -> None:
     """
     if not views:
         raise BadInput("no run to report; name one or more, for example: labctl report last")
+    check_writable(path)
     page = run_page(views)
     with whole_file(path) as unfinished:
         # A half of a letter that a terminal of another code page left in a note has no place in UTF-8.

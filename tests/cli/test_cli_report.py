@@ -1,0 +1,61 @@
+"""`labctl report` on a small ledger."""
+
+import json
+
+import made_measurement as made
+import pytest
+
+from labctl.cli.main import run as labctl
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A ledger of two runs of one trial each."""
+    runs = [made.run(), made.run(note="Another.")]
+    return made.ledger(
+        tmp_path_factory.mktemp("report") / "ledger", *((run, [made.trial(run)]) for run in runs)
+    )
+
+
+def test_a_page_is_written_and_a_page_that_was_there_is_said_to_be_replaced(
+    folder, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("LABCTL_LEDGER", str(folder))
+
+    assert labctl(["report", "last"]) == 0
+    assert capsys.readouterr().out == "written: report-0002.html\n"
+    assert "Run 2: five-trial" in (tmp_path / "report-0002.html").read_text(encoding="utf-8")
+    assert labctl(["report", "2"]) == 0
+    assert capsys.readouterr().out == "replaced: report-0002.html\n"
+
+
+def test_several_runs_go_onto_one_page_each_once(folder, tmp_path, capsys):
+    page = tmp_path / "both.html"
+    arguments = ["report", "2", "0001", "last", "--ledger", str(folder), "--out", str(page), "--json"]
+
+    assert labctl(arguments) == 0
+    assert json.loads(capsys.readouterr().out) == {"page": str(page), "runs": [2, 1], "replaced": False}
+    assert "Runs 2 and 1" in page.read_text(encoding="utf-8")
+
+
+def test_a_pressure_file_that_is_gone_is_said_on_the_page(tmp_path, capsys):
+    run = made.run()
+    folder = made.ledger(tmp_path / "ledger", (run, [made.trial(run)]))
+    for path in folder.rglob("*.pressures.parquet"):
+        path.unlink()
+
+    assert labctl(["report", "1", "--ledger", str(folder), "--out", str(tmp_path / "page.html")]) == 0
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "trial-01-1.pressures.parquet" in page.partition("<h2>Pressure</h2>")[2].partition("</section>")[0]
+
+
+@pytest.mark.parametrize("arguments", [["report", "9"], ["report", "latest"], ["report"]])
+def test_a_run_that_is_not_there_is_bad_input(folder, arguments, capsys):
+    assert labctl([*arguments, "--ledger", str(folder)]) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_page_that_cannot_be_written_is_bad_input(folder, tmp_path, capsys):
+    assert labctl(["report", "1", "--ledger", str(folder), "--out", str(tmp_path)]) == 2
+    assert "is there already and is not a file" in capsys.readouterr().err
