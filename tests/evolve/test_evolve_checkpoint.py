@@ -142,9 +142,12 @@ def test_a_writing_that_fails_leaves_the_file_before_and_no_open_file(path, chec
 
     monkeypatch.setattr(os, "fsync", full)
     for _ in range(3):
-        with pytest.raises(OSError, match="No space left"):
+        with pytest.raises(OSError, match="No space left") as told:
             write_whole(path, b"new")
+        assert told.value.filename == str(path)
     assert path.read_bytes() == before
+    # What is left of the new one would take up the room that is wanted.
+    assert list(path.parent.iterdir()) == [path]
     assert load_checkpoint(path, RUN) == checkpoint
     assert open_descriptors() == open_files
 
