@@ -1,5 +1,6 @@
 """`labctl` on the command line, and `python -m labctl`."""
 
+import signal
 import sys
 
 from labctl.cli.main import run
@@ -7,7 +8,14 @@ from labctl.cli.main import run
 
 def main() -> None:
     """Run the command line and leave with its exit code."""
-    sys.exit(run(sys.argv[1:]))
+    try:
+        code = run(sys.argv[1:])
+    except KeyboardInterrupt:
+        # Everything is closed already: this cut off the last words only.
+        code = 130
+    # A Ctrl-C while Python ends would only add its traceback.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.exit(code)
 
 
 if __name__ == "__main__":

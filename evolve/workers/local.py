@@ -60,7 +60,8 @@ class Processes:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._drop()
+        # Waited for here, where the caller still holds signals back: at Python's end a Ctrl-C would tear it.
+        self._drop(wait=True)
 
     def score(self, maps: Sequence[VoxelMap], stopped: Stopped) -> list[MapScore]:
         """As `evolve.workers.pool.Pool.score`."""
@@ -76,7 +77,7 @@ class Processes:
                         f"workers died {breaks} times in one generation (out of memory, or killed): the last "
                         "checkpoint holds the search; resume it, with fewer workers"
                     ) from error
-                self._drop()
+                self._drop(wait=False)
                 self._executor = self._start()
         return [scores[n] for n in range(len(maps))]
 
@@ -109,9 +110,9 @@ class Processes:
             (self._problem,),
         )
 
-    def _drop(self) -> None:
+    def _drop(self, *, wait: bool) -> None:
         if self._executor is not None:
-            self._executor.shutdown(wait=False)
+            self._executor.shutdown(wait=wait)
             self._executor = None
 
 

@@ -9,7 +9,7 @@ import click
 
 from labctl.cli.evolve_options import CHOICES, Wanted, choices_of, flag, is_given, search_options, seeds_of
 from labctl.cli.evolve_progress import Progress
-from labctl.cli.evolve_show import pick, show, tell_runs
+from labctl.cli.evolve_show import pick, show, stopped_before_the_page, tell_runs
 from labctl.cli.interrupts import stop_on_signals
 from labctl.cli.rigs import design_option, json_option
 from labctl.errors import BadInput, Stopped
@@ -54,6 +54,8 @@ def evolve(as_json: bool, **options: Any) -> None:  # noqa: ANN401 - click's val
         # The workers first: a cluster that does not answer must leave no folder behind.
         with _pool(settings[0].problem, wanted) as pool:
             _search(_planned(wanted, wanted.out_path, settings), pool, stop, as_json)
+    if stop.asked:
+        raise stopped_before_the_page(wanted.out_path)
     tell_runs(wanted.out_path, as_json, published=False)
 
 

@@ -11,9 +11,11 @@ from labctl.cli.interrupts import stop_on_signals
 from labctl.cli.named_path import NamedPath
 from labctl.cli.output import emit_json, table
 from labctl.cli.rigs import json_option
-from labctl.errors import BadInput, Stopped
+from labctl.errors import BadInput, LabError, Stopped
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from evolve.choose import Rule
     from evolve.selection import Member
     from evolve.settings import Settings
@@ -104,6 +106,20 @@ def pick(
 
 def tell_runs(path: Path, as_json: bool, *, published: bool) -> None:
     """Tell what the runs of a folder found, and write their page."""
+    try:
+        _tell_runs(path, as_json, published=published)
+    except KeyboardInterrupt:
+        raise Stopped(
+            f"stopped; the run is kept as it was: labctl evolve show {path} draws its page"
+        ) from None
+
+
+def stopped_before_the_page(path: Path) -> Stopped:
+    """What a stop after the search comes to."""
+    return Stopped(f"stopped; the run is kept as it is: labctl evolve show {path} draws its page")
+
+
+def _tell_runs(path: Path, as_json: bool, *, published: bool) -> None:
     from labctl.evolution.evolved_run import load_runs
     from labctl.evolution.pick import picks_of
     from labctl.report.evolution_page import write_evolution_page
@@ -111,14 +127,25 @@ def tell_runs(path: Path, as_json: bool, *, published: bool) -> None:
     runs = load_runs(path)
     rescored = _rescored(runs) if published else [None] * len(runs)
     page = path / _PAGE
-    write_evolution_page(page, runs, picks_of(runs))
+    picks = picks_of(runs)
+    try:
+        write_evolution_page(page, runs, picks)
+    except BadInput as error:
+        # What was found needs no page.
+        if not as_json:
+            _tell_all(runs, rescored)
+        raise LabError(f"{error}; the run is kept: mend that, then labctl evolve show {path}") from error
     if as_json:
         told = [_for_machines(run, each) for run, each in zip(runs, rescored, strict=True)]
         emit_json({"runs": told, "page": str(page)})
         return
+    _tell_all(runs, rescored)
+    click.echo(f"page: {page}")
+
+
+def _tell_all(runs: "list[EvolvedRun]", rescored: "Sequence[tuple[Member, ...] | None]") -> None:
     for run, each in zip(runs, rescored, strict=True):
         _tell(run, each)
-    click.echo(f"page: {page}")
 
 
 def _tell(run: "EvolvedRun", rescored: "tuple[Member, ...] | None") -> None:

@@ -173,6 +173,67 @@ def test_ctrl_c_keeps_the_generations(start, tmp_path):
     assert RunFolder(tmp_path / "c").checkpoint().state.generation >= 0
 
 
+def test_more_ctrl_c_while_the_workers_end_adds_nothing(start, tmp_path):
+    running = start("evolve", *SEARCH, "--out", tmp_path / "c", "--workers", 2)
+    running.wait_for("random layouts first")
+    running.signal()
+    running.wait_for("Ctrl-C: stopping")
+    # The workers are starting still, and are waited for.
+    time.sleep(0.6)
+    running.signal()
+    running.wait_for("every finished generation is kept")
+    running.signal()
+    ended = running.end()
+    running.read_rest()
+
+    assert ended.code == 130
+    assert "still stopping" in running.err
+    assert "Traceback" not in running.err
+
+
+def test_ctrl_c_after_the_last_generation_keeps_the_run(start, tmp_path):
+    once = ("--targets", "saddle:20mm", "--population", "2", "--generations", "1", "--workers", "1")
+    running = start("evolve", *once, "--out", tmp_path / "c")
+    running.wait_for("generation 1 of 1")
+    # Whether the signal finds the last words of the search, or the page half drawn.
+    running.signal()
+    ended = running.end()
+    running.read_rest()
+
+    assert ended.code == 130
+    assert "kept" in running.err
+    assert "labctl evolve show" in running.err or "labctl evolve --resume" in running.err
+    assert sorted(bytes_of(tmp_path / "c"))[0] == "checkpoint.json"
+    assert "index.html" not in bytes_of(tmp_path / "c")
+
+
+def test_ctrl_c_while_the_page_is_drawn_is_told(searched, monkeypatch, capsys):
+    folder, _ = searched
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("labctl.report.evolution_page.evolution_page", interrupted)
+
+    assert run(["evolve", "show", str(folder)]) == 130
+    assert f"labctl evolve show {folder} draws its page" in capsys.readouterr().err
+
+
+def test_a_page_that_cannot_be_written_hides_no_result(searched, tmp_path, capsys):
+    folder, _ = searched
+    for name in ("run.json", "checkpoint.json"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    (tmp_path / "index.html").mkdir()
+
+    assert run(["evolve", "show", str(tmp_path)]) == 1
+
+    told = capsys.readouterr()
+    assert "3 of 3 generations of 6" in told.out
+    assert "paper" in told.out
+    assert "index.html: is there already and is not a file" in told.err
+    assert "the run is kept" in told.err
+
+
 def test_more_generations_and_several_seeds(tmp_path, capsys):
     out = tmp_path / "several"
     short = ["--targets", "saddle:20mm", "--population", "2", "--workers", "1", "--out", str(out), "--json"]
