@@ -33,7 +33,12 @@ class Progress:
 
     def begin(self, run: "PlannedRun") -> Callable[["Checkpoint"], None]:
         """What to tell each checkpoint of a run to."""
-        self._line.show(f"seed {run.settings.seed}: 100 random layouts first")
+        from evolve.run_folder import CHECKPOINT
+
+        # What the random layouts score is in the first checkpoint.
+        begun = (run.folder.path / CHECKPOINT).exists()
+        first = "going on from the last checkpoint" if begun else "100 random layouts first"
+        self._line.show(f"seed {run.settings.seed}: {first}")
 
         def tell(checkpoint: "Checkpoint") -> None:
             generation = checkpoint.state.generation

@@ -147,7 +147,7 @@ def test_show_scores_the_published_way_too(searched, capsys):
 
 
 @pytest.mark.parametrize("after", [0.0, 0.3])
-def test_a_killed_search_ends_as_if_nothing_had_been(searched, start, tmp_path, after):
+def test_a_killed_search_ends_as_if_nothing_had_been(searched, start, tmp_path, capsys, after):
     folder, _ = searched
     running = start("evolve", *SEARCH, "--out", tmp_path / "b", "--workers", 2)
     end_s = time.monotonic() + 40
@@ -160,6 +160,7 @@ def test_a_killed_search_ends_as_if_nothing_had_been(searched, start, tmp_path, 
 
     assert run(["evolve", "--resume", "--out", str(tmp_path / "b"), "--workers", "1"]) == 0
 
+    assert "seed 4: going on from the last checkpoint" in capsys.readouterr().err
     assert (tmp_path / "b" / "population.json").read_bytes() == (folder / "population.json").read_bytes()
 
 
