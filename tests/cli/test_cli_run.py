@@ -265,7 +265,8 @@ def test_a_ledger_in_use_a_read_only_one_and_a_file_are_refused_before_the_rig_i
 @pytest.mark.parametrize("redirection", [">&-", "2>&-", ">/dev/full", "2>/dev/full", "| head -1"])
 def test_nobody_who_does_not_listen_ends_a_measurement(fast, tmp_path, redirection):
     ledger = tmp_path / "ledger"
-    command = f"{sys.executable} -m labctl run five-trial --pattern sphere --trials 1 --rig {fast.rig} --ledger {ledger}"
+    run = "labctl run five-trial --pattern sphere --trials 1"
+    command = f"{sys.executable} -m {run} --rig {fast.rig} --ledger {ledger}"
     done = subprocess.run(
         ["sh", "-c", f"{command} {redirection}"], capture_output=True, text=True, timeout=90
     )
