@@ -164,7 +164,7 @@ def _wait_until_still(bench: Bench, timeout_s: float, setting: str) -> None:
             bench.show(f"moved {moved_mm:.2f} mm in {span_s:.0f} s")
         if clock.now_s() > end_s:
             raise InstrumentError(
-                f"the sheet was not still within {timeout_s:g} s: it moved by {moved_mm:.3f} mm (root mean square) in "
+                f"the sheet was not still within {timeout_s:g} s: it moved {moved_mm:.3f} mm (root mean square) in "
                 f"{span_s:.1f} s, and {wanted.still_mm:g} mm is the limit; look for a leak, or raise "
                 f"measurement.still_within or measurement.{setting}"
             )
