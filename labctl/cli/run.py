@@ -167,7 +167,13 @@ def _measure(
     from labctl.cli.run_words import RunTeller, default_operator, tell_result
     from labctl.rig import Rig
     from labctl.session.engine import conduct
-    from labctl.session.preparation import begin, go_on, require_same_rig, simulated_heights
+    from labctl.session.preparation import (
+        begin,
+        changed_instruments,
+        go_on,
+        require_same_rig,
+        simulated_heights,
+    )
     from labctl.session.request import plan
     from labctl.session.run_stop import RunStop
     from sim.warm import compile_kernels
@@ -184,20 +190,24 @@ def _measure(
         teller = RunTeller(line, config, trials, quiet=as_json)
 
         def register(rig: "Rig") -> "RunRecord":
-            record = (
-                begin(writer, prepared, heights, rig, who, note)
-                if before is None
-                else go_on(writer, before, rig, who, note)
-            )
+            if before is None:
+                record = begin(writer, prepared, heights, rig, who, note)
+            else:
+                for change in changed_instruments(before, rig):
+                    line.note(change)
+                record = go_on(writer, before, rig, who, note)
             teller.begun(record)
             return record
 
         line.show("opening the rig")
         run_stop = RunStop(stop)
         opened = _reporting(Rig(config, stop=run_stop, tell=line.note))
-        record, summary = conduct(
-            opened, register, trials, prepared.request.attempts, writer, run_stop, teller.listener()
-        )
+        try:
+            record, summary = conduct(
+                opened, register, trials, prepared.request.attempts, writer, run_stop, teller.listener()
+            )
+        finally:
+            teller.finish()
     tell_result(record, summary, writer.trials(record.number), Outcome.current().report, as_json)
 
 

@@ -16,6 +16,7 @@ from labctl.config.rig import RigConfig
 from labctl.errors import InstrumentError, Unsafe
 from labctl.readings import MarkerFrames, PressureReading
 from labctl.rig.instruments import RigInstruments
+from labctl.rig.overheard import OverheardRegulator
 from labctl.rig.recorder import Recorder, kept_by
 from labctl.rig.trace import PressureTrace
 from labctl.safety.guard import Guard
@@ -240,7 +241,7 @@ class Rig:
 
     @contextmanager
     def recording(self, recorder: Recorder) -> Iterator[None]:
-        """While inside, `recorder` gets every frame that comes and every pressure that the supervisor reads."""
+        """While inside, `recorder` gets every frame that comes and every pressure that is read, the vent's too."""
         with ExitStack() as handing:
             take_pressure = kept_by(recorder, recorder.take_pressure)
             take_frames = kept_by(recorder, recorder.take_frames)
@@ -254,16 +255,16 @@ class Rig:
         Looks at no stop and no latch: the way to SAFE is always open.
         """
         with self._bus:
+            regulator = self._instruments.regulator
             report = make_safe(
-                self._instruments.regulator,
+                OverheardRegulator(regulator, self.clock, self._supervisor.hand),
                 self._instruments.valves,
                 limits=self.config.limits,
                 dump_channel=self.config.valves.dump_channel,
                 clock=self.clock,
                 tick=self._guard.beat,
             )
-            can_exhaust = self._instruments.regulator.can_exhaust
-            self._expect(Expected(0.0, frozenset(), "vented" if can_exhaust else None))
+            self._expect(Expected(0.0, frozenset(), "vented" if regulator.can_exhaust else None))
             if report.safe:
                 self._supervisor.disarm()
                 self._guard.safe()

@@ -145,6 +145,22 @@ def go_on(ledger: LedgerWriter, run: RunRecord, rig: Rig, operator: str, note: s
     return run
 
 
+def changed_instruments(run: RunRecord, rig: Rig) -> tuple[str, ...]:
+    """In words, each instrument that answers otherwise than when the run was begun; the ledger keeps both answers."""
+    answers = asdict(rig.identities)
+    return tuple(
+        f"{instrument}: the run was begun with {_who(run.identities[instrument])}, {_who(now_there)} answers now"
+        for instrument, now_there in answers.items()
+        if _who(run.identities[instrument]) != _who(now_there)
+    )
+
+
+def _who(identity: Mapping[str, Any]) -> str:
+    """An instrument's name for itself."""
+    number, firmware = identity["serial_number"], identity["firmware"]
+    return f"{identity['model']}, serial number {number or 'not told'}, firmware {firmware or 'not told'}"
+
+
 def _heights_mm(design: Design, pattern: str, pressure_psi: float, points_mm: np.ndarray) -> list[float]:
     simulated = simulate_pattern(design, pattern, design.sheet.strain_at(pressure_psi))
     heights: list[float] = simulated.points_mm(points_mm)[:, 2].tolist()

@@ -58,11 +58,30 @@ def test_every_frame_and_pressure_between_two_verbs_is_handed_over(serve):
     assert set(frames.time_s) <= set(given.time_s)
     assert begin_s <= given.arrival_s[0] <= given.arrival_s[-1] <= end_s
     assert (np.diff(given.arrival_s) >= 0).all()
-    # 20 Hz of the wall's clock.
-    assert len(notes.samples) == pytest.approx(20 * (end_s - begin_s) / config.speed, abs=3)
+    # 20 Hz of the wall's clock; fewer where the machine is busy, never more.
+    due = 20 * (end_s - begin_s) / config.speed
+    assert due / 3 < len(notes.samples) < due + 3
     for sample in notes.samples:
         assert begin_s <= sample.asked_s <= sample.came_s <= end_s
         assert sample.reading.gauge_psi == pytest.approx(0, abs=0.1)
+
+
+def test_the_pressures_of_a_vent_are_recorded_too(serve):
+    _, config = serve()
+    notes = Notes()
+    with open_rig(config) as rig, rig.recording(notes):
+        rig.make_safe()
+        rig.jam({4})
+        rig.start_control()
+        rig.ramp_to(2.0, lambda _: None)
+        rig.settle(2.0, lambda _: None)
+        held = len(notes.samples)
+        rig.make_safe()
+        falling = [sample.reading.gauge_psi for sample in notes.samples[held:]]
+    assert falling[0] > 0.5
+    assert falling[-1] < config.limits.safe_pressure_psi
+    came_s = [sample.came_s for sample in notes.samples]
+    assert came_s == sorted(came_s)
 
 
 def test_a_recorder_that_fails_ends_neither_the_stream_nor_the_watch(serve):
