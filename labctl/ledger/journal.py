@@ -1,5 +1,6 @@
 """The redo journal `ledger.journal`: every row as a checked line of JSON, on the disk before SQLite has it."""
 
+import json
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -148,14 +149,17 @@ def _is_head(line: bytes, path: Path) -> bool:
 
 
 def _rows_inside(line: bytes) -> list[Row]:
-    """Whole rows behind a damaged beginning: an end of line that was overwritten joins two lines."""
+    """Whole rows of a damaged line: a damaged end of line joins two, rubbish may stand around one."""
     rows = []
-    at = line.find(MARK, 1)
-    while at >= 0:
-        body = body_of(line[at:])
+    text = line.decode("latin-1")
+    for mark in re.finditer(MARK.decode("ascii"), text):
+        try:
+            _, end = json.JSONDecoder().raw_decode(text, mark.start())
+        except (ValueError, RecursionError):
+            continue
+        body = body_of(line[mark.start() : end])
         if body is not None:
             rows.append(row_of_body(body))
-        at = line.find(MARK, at + 1)
     return rows
 
 

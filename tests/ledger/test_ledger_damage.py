@@ -134,6 +134,21 @@ def test_bytes_flipped_in_the_journal_lose_nothing(copy_kept):
             assert aside.read_bytes() == damaged
 
 
+def test_an_end_of_line_that_is_damaged_costs_no_row(kept, told):
+    with changed_bytes(kept.journal) as data:
+        at = data.index(b"\n", data.index(b'"kind":"trial","run":1,"trial":2'))
+        data[at] = ord("?")
+        # Rubbish over the beginning of the next row costs that one only.
+        at = data.index(b"\n", data.index(b'"kind":"trial","run":1,"trial":4'))
+        data[at : at + 30] = b"?" * 30
+    kept.sqlite.unlink()
+
+    with LedgerWriter.open(kept.folder, told) as ledger:
+        assert ledger.trials(1) == kept.trials
+        (lost,) = [event for event in ledger.events(None) if event.kind == "lost"]
+    assert lost.detail["rows"] == {"9": "an event of run 1"}
+
+
 def test_a_missing_journal_is_written_again(kept, told):
     kept.journal.unlink()
 
@@ -207,6 +222,27 @@ def test_trials_of_a_lost_run_are_kept_and_its_number_is_not_given_again(kept, t
             writer.run(1)
         assert writer.begin_run(a_run()).number == 2
     check_files_agree(kept.folder)
+
+
+def test_trials_of_a_lost_run_come_back_into_an_older_sqlite(kept, told, tmp_path):
+    LedgerWriter.open(tmp_path / "new", not_a_word).close()
+    shutil.copy(tmp_path / "new" / "ledger.sqlite", kept.sqlite)
+    with changed_bytes(kept.journal) as data:
+        data[data.index(b'"kind":"run"') + 400] ^= 1
+
+    with LedgerWriter.open(kept.folder, told) as writer:
+        assert writer.trials(1) == kept.trials
+    check_files_agree(kept.folder)
+
+
+def test_a_number_that_was_given_is_not_given_again(kept, told):
+    for path in kept.folder.glob("ledger.*"):
+        path.unlink()
+    with LedgerWriter.open(kept.folder, not_a_word) as writer:
+        assert writer.begin_run(a_run()).number == 2
+    shutil.rmtree(kept.folder / "raw")
+    with LedgerWriter.open(kept.folder, not_a_word) as writer:
+        assert writer.begin_run(a_run()).number == 3
 
 
 @pytest.mark.parametrize("cut", ["at a line", "inside a line"])

@@ -4,9 +4,11 @@ import subprocess
 import sys
 import time
 
-from made_ledger import Told, a_run, check_files_agree, make_ledger, not_a_word
+import pytest
+from made_ledger import Told, a_run, an_event, check_files_agree, make_ledger, not_a_word
 
 from labctl.ledger.ledger import Ledger
+from labctl.ledger.state import run_state
 from labctl.ledger.writer import LedgerWriter
 
 # Adds attempts as fast as it can, and says each once the ledger has returned.
@@ -14,6 +16,7 @@ WRITER = """
 import sys
 from pathlib import Path
 from made_ledger import a_trial
+from labctl.ledger.state import run_state
 from labctl.ledger.writer import LedgerWriter
 
 with LedgerWriter.open(Path(sys.argv[1]), lambda text: None) as ledger:
@@ -89,3 +92,21 @@ def test_a_run_is_running_while_its_own_writer_lives(tmp_path):
         with Ledger.open(tmp_path, not_a_word) as ledger:
             assert ledger.state(kept.run.number) == "interrupted"
             assert ledger.state(later.number) == "running"
+
+
+@pytest.mark.parametrize(
+    ("kinds", "writing", "state"),
+    [
+        ((), True, "running"),
+        ((), False, "interrupted"),
+        (("trial-begun", "paused"), True, "running"),
+        (("interrupted",), True, "interrupted"),
+        (("interrupted", "continued"), True, "running"),
+        (("interrupted", "continued"), False, "interrupted"),
+        (("failed", "continued", "finished"), True, "finished"),
+        (("finished", "clock-set-back"), False, "finished"),
+        (("failed",), False, "failed"),
+    ],
+)
+def test_how_a_run_stands(kinds, writing, state):
+    assert run_state([an_event(1, kind) for kind in kinds], writing=writing) == state
