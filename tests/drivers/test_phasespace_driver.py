@@ -176,7 +176,11 @@ def test_frames_of_several_kinds_of_data_and_of_many_layouts(started):
         ),
         text(0, "novelty=1"),
         *(frame(n, *(marker(m, 0, 0, 0, 1) for m in range(n))) for n in range(3)),
+        frame(40, unused, marker(6, 0, 0, 0, 1), unused),
         # Two kinds of frames that interleave are none that can be read as one array.
+        said(44 << 8 | MARKERS, 0x84, marker(5, 0, 0, 0, 1), 45)
+        + said(RAW, 0x80, b"", 45)
+        + said(44, 0x80, b"", 45),
         said(44 << 8 | MARKERS, 0x84, marker(7, 0, 0, 0, 1), 50),
         frame(51, marker(8, 0, 0, 0, 1)),
         said(44, 0x80, b"", 50),
@@ -187,8 +191,8 @@ def test_frames_of_several_kinds_of_data_and_of_many_layouts(started):
         batch = device.next_frames()
         found += batch.ids.tolist()
         counts += np.diff(batch.starts).tolist()
-    assert found == [0, 99, 1, 2, 99, 3, 4, 99, 5, 0, 0, 1, 8, 7]
-    assert counts == [2, 1, 2, 1, 2, 1, 0, 1, 2, 1, 1]
+    assert found == [0, 99, 1, 2, 99, 3, 4, 99, 5, 0, 0, 1, 6, 5, 8, 7]
+    assert counts == [2, 1, 2, 1, 2, 1, 0, 1, 2, 1, 0, 1, 1, 1]
 
 
 def test_a_frame_without_markers_is_empty_not_missing(started):

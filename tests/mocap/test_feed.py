@@ -127,6 +127,22 @@ def test_since_gives_the_frames_after_the_mark_in_order(feed, stream):
     assert times(feed.since(mark + 47)) == [49]
 
 
+def test_since_cuts_a_batch_where_the_mark_is(feed, stream):
+    arrived(feed, stream, batch(0, 1, 2, 3), batch(4), batch(5, 6))
+    assert feed.mark() == 7
+    for mark in range(8):
+        assert times(feed.since(mark)) == list(range(mark, 7))
+
+
+def test_a_taker_gets_each_batch_while_it_is_asked_for(feed, stream):
+    arrived(feed, stream, batch(0))
+    taken = []
+    with feed.handing_to(taken.append):
+        arrived(feed, stream, batch(1, 2), batch(3))
+    arrived(feed, stream, batch(4))
+    assert [times(frames) for frames in taken] == [[1, 2], [3]]
+
+
 def test_the_stream_is_read_although_nobody_asks(feed, stream):
     for number in range(1000):
         stream.put(numbered(number))
