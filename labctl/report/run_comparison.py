@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from labctl.report.page import Table
 from labctl.report.run_view import RunView
-from labctl.report.run_words import NONE, clock_time, interval_words, mean_sd, name, signed
+from labctl.report.run_words import NONE, clock_time, interval_words, mean_sd, name, percent, signed
 from labctl.statistics.comparison import (
     GroupComparison,
     GroupName,
@@ -58,7 +58,7 @@ def side_by_side_table(views: Sequence[RunView]) -> Table:
                 name(group.pattern),
                 f"{group.pressure_psi:.2f}",
                 str(group.trials),
-                mean_sd(group.e_t_mean_percent, group.e_t_sd_percent, "%", 1),
+                percent(group.e_t_mean_percent, group.e_t_sd_percent),
                 interval_words(group.e_t_low_percent, group.e_t_high_percent),
                 mean_sd(group.tau_mean_s, group.tau_sd_s, "s", 2),
             )

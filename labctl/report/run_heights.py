@@ -19,6 +19,8 @@ TRIAL = "#56b4e9"
 # Orange and purple, apart for everybody; white where the two are alike.
 _DIFFERENCE_COLOURS = "PuOr_r"
 _LEAST_DIFFERENCE_PERCENT = 1.0
+# A map whose scale ends below this says tenths.
+_FINE_PERCENT = 3.0
 _HEIGHT_IN = 7.0
 _LEAST_WIDTH_IN, _MOST_WIDTH_IN, _POINT_IN = 8.0, 16.0, 0.22
 # More points than these have smaller, upright ids.
@@ -166,13 +168,14 @@ def _draw_difference(
     axes.plot(*place, "o", markersize=size, color=colour, markeredgecolor="#1d2329", zorder=5)
     if few:
         light = float(np.dot(colour[:3], (0.3, 0.59, 0.11))) > 0.5
-        text = f"{percent:+.0f}".replace("-", "\u2212") if round(percent) else "0"
+        decimals = 1 if mappable.get_clim()[1] < _FINE_PERCENT else 0
+        text = f"{percent:+.{decimals}f}".replace("-", "\u2212") if round(percent, decimals) else "0"
         axes.annotate(
             text,
             place,
             ha="center",
             va="center_baseline",
-            fontsize=13,
+            fontsize=13 if len(text) < 4 else 11,
             color="black" if light else "white",
             zorder=6,
         )

@@ -15,6 +15,7 @@ from labctl.statistics.summary import Group
 
 NONE = "–"
 _LONGEST_NAME = 40
+_LARGE_PERCENT = 10.0
 
 
 def title(run: RunRecord) -> str:
@@ -36,7 +37,10 @@ def headline(view: RunView) -> str:
     if not told:
         return f"{_subject(view)}: heights at {len(groups)} levels, nothing simulated to compare with"
     low, high = min(told, key=_e_t), max(told, key=_e_t)
-    return f"e_t from {_e_t(low):.1f}\u00a0% ({_where(view, low)}) to {_e_t(high):.1f}\u00a0% ({_where(view, high)})"
+    return (
+        f"e_t from {percent(low.e_t_mean_percent)} ({_where(view, low)}) to {percent(high.e_t_mean_percent)} "
+        f"({_where(view, high)})"
+    )
 
 
 def group_sentence(view: RunView, group: Group) -> str:
@@ -45,7 +49,7 @@ def group_sentence(view: RunView, group: Group) -> str:
     where = group_name(view, group)
     found = []
     if group.e_t_mean_percent is not None:
-        found.append(f"e_t {mean_sd(group.e_t_mean_percent, group.e_t_sd_percent, '%', 1)}")
+        found.append(f"e_t {percent(group.e_t_mean_percent, group.e_t_sd_percent)}")
     if group.tau_mean_s is not None:
         found.append(f"relaxes with τ = {mean_sd(group.tau_mean_s, group.tau_sd_s, 's', 2)}")
     if not found:
@@ -65,6 +69,11 @@ def mean_sd(mean: float | None, sd: float | None, unit: str, decimals: int) -> s
         return NONE
     told = f"{mean:.{decimals}f}\u00a0{unit}"
     return told if sd is None else f"{told}\u00a0±\u00a0{sd:.{decimals}f}\u00a0{unit}"
+
+
+def percent(mean: float | None, sd: float | None = None) -> str:
+    """An e_t with its standard deviation where there is one; a small one with a decimal more."""
+    return mean_sd(mean, sd, "%", 1 if mean is None else _decimals(mean))
 
 
 def unfinished(view: RunView) -> str:
@@ -101,7 +110,7 @@ def glance(view: RunView) -> list[tuple[str, str]]:
         ("measuring points", str(len(view.points))),
     ]
     if len(first) == 1:
-        found.insert(0, ("transfer error e_t", mean_sd(first[0].e_t_mean_percent, None, "%", 1)))
+        found.insert(0, ("transfer error e_t", percent(first[0].e_t_mean_percent)))
     if low and high:
         found.append(("pressure while measuring", f"{min(low):.2f} to {max(high):.2f}\u00a0psi"))
     if view.attempts:
@@ -131,7 +140,7 @@ def groups_table(view: RunView) -> Table:
             name(group.pattern),
             f"{group.pressure_psi:.2f}",
             str(group.trials),
-            mean_sd(group.e_t_mean_percent, group.e_t_sd_percent, "%", 1),
+            percent(group.e_t_mean_percent, group.e_t_sd_percent),
             interval_words(group.e_t_low_percent, group.e_t_high_percent),
             interval_words(group.e_t_t_low_percent, group.e_t_t_high_percent),
             *((mean_sd(group.tau_mean_s, group.tau_sd_s, "s", 2),) if relaxing else ()),
@@ -143,7 +152,10 @@ def groups_table(view: RunView) -> Table:
 
 def interval_words(low: float | None, high: float | None) -> str:
     """An interval of percentages in words."""
-    return NONE if low is None or high is None else f"{low:.1f}\u00a0to\u00a0{high:.1f}\u00a0%"
+    if low is None or high is None:
+        return NONE
+    decimals = _decimals(high)
+    return f"{low:.{decimals}f}\u00a0to\u00a0{high:.{decimals}f}\u00a0%"
 
 
 def attempts_table(view: RunView) -> Table:
@@ -177,9 +189,7 @@ def attempts_table(view: RunView) -> Table:
                     f"{sum(height is not None for height in level.heights_mm)} of {len(level.heights_mm)}"
                 ),
             ),
-            _levels(
-                each, lambda level: NONE if level.e_t_percent is None else f"{level.e_t_percent:.1f}\u00a0%"
-            ),
+            _levels(each, lambda level: percent(level.e_t_percent)),
             _judged(each),
         )
         for each in view.attempts
@@ -269,6 +279,10 @@ def _after(view: RunView) -> str:
 def _where(view: RunView, group: Group) -> str:
     placed = f", {name(group.placement)}," if view.placed and group.placement else ""
     return f"{name(group.pattern)}{placed} at {group.pressure_psi:.2f}\u00a0psi"
+
+
+def _decimals(percent: float) -> int:
+    return 1 if percent >= _LARGE_PERCENT else 2
 
 
 def _e_t(group: Group) -> float:

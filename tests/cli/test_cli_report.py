@@ -10,11 +10,10 @@ from labctl.cli.main import run as labctl
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A ledger of two runs of one trial each."""
-    runs = [made.run(), made.run(note="Another.")]
-    return made.ledger(
-        tmp_path_factory.mktemp("report") / "ledger", *((run, [made.trial(run)]) for run in runs)
-    )
+    """A ledger of a run with one trial, and of one that has not come to any."""
+    run = made.run()
+    ledger = tmp_path_factory.mktemp("report") / "ledger"
+    return made.ledger(ledger, (run, [made.trial(run)]), (run, []))
 
 
 def test_a_page_is_written_and_a_page_that_was_there_is_said_to_be_replaced(
