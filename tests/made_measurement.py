@@ -34,8 +34,9 @@ POINTS = tuple(
     )
 )
 FREQUENCY_HZ = 240.0
-# The laboratory's clock less the marker server's.
+# A recording's beginning on the laboratory's clock and on the marker server's.
 OFFSET_S = 5000.0
+SERVER_S = 70.0
 BEGUN_S = 100.0
 BASELINE = Window("baseline", OFFSET_S + 2.0, OFFSET_S + 3.0)
 DEFAULT_PRESSURES_PSI = (3.9,)
@@ -212,7 +213,7 @@ def result(of, pattern="sphere", pressures_psi=None, seed=1, hidden=(), relaxati
     """A trial's result."""
     pressures_psi = of.request["pressures_psi"] if pressures_psi is None else pressures_psi
     return TrialResult(
-        clock=ClockFit(OFFSET_S, 1.2, 0.0021, 0.0074, 9600, 9),
+        clock=ClockFit(OFFSET_S - SERVER_S, 1.2, 0.0021, 0.0074, 9600, 9),
         frame_residual_mm=0.31,
         levels=tuple(level(of, pattern, pressure_psi, seed, hidden) for pressure_psi in pressures_psi),
         relaxation=relaxation,
@@ -286,7 +287,7 @@ def pressures(pressures_psi=DEFAULT_PRESSURES_PSI, rate_hz=20.0, seed=1):
 def frames(of, pattern="sphere", pressures_psi=None, seconds=None, seed=1, lost=(), hidden=()):
     """A recording of the markers in a frame that is turned and shifted against the sheet's.
 
-    Frame n of the server's has the time BEGUN + n / frequency; those in `lost` never came; `hidden` are (frame,
+    Frame n of the server's has the time SERVER_S + n / frequency; those in `lost` never came; `hidden` are (frame,
     marker) that were not seen. The sheet is flat before the first level's window is 5 s away.
     """
     pressures_psi = tuple(of.request["pressures_psi"] if pressures_psi is None else pressures_psi)
@@ -306,8 +307,8 @@ def frames(of, pattern="sphere", pressures_psi=None, seconds=None, seed=1, lost=
         cond[np.flatnonzero(numbers == frame), marker] = -1.0
     ids = np.tile(np.array([point["id"] for point in points], dtype=np.int32), len(numbers))
     return MarkerFrames(
-        time_s=time_s,
-        arrival_s=time_s + OFFSET_S + 0.002,
+        time_s=SERVER_S + time_s,
+        arrival_s=OFFSET_S + time_s + 0.002,
         starts=np.arange(len(numbers) + 1, dtype=np.int64) * len(points),
         ids=ids,
         positions_mm=positions_mm.reshape(-1, 3).astype(np.float32),

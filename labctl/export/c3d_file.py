@@ -45,7 +45,8 @@ def _write_part(path: Path, motion: Motion, part: slice, said: Mapping[str, str]
     point["UNITS"]["value"] = ["mm"]
     point["LABELS"]["value"] = [f"M{marker}" for marker in motion.ids]
     data = np.ones((4, markers, frames))
-    data[:3] = np.where(seen[:, :, None], positions_mm, 0.0).transpose(2, 1, 0)
+    # ezc3d writes what is NaN as the zeros that the format asks for.
+    data[:3] = positions_mm.transpose(2, 1, 0)
     file["data"]["points"] = data
     file["data"]["meta_points"] = {
         "residuals": np.where(seen, 0.0, -1.0).T[None],

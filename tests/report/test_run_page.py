@@ -87,7 +87,7 @@ def test_a_page_says_what_came_out_and_where_from(five):
     ):
         assert words in text
     # Clock offset and drift, frames and those lost, the design's own text.
-    for words in ("5000.0000", "+1.2", "9600", 'rated_pressure = "3.9 psi"'):
+    for words in ("4930.0000", "+1.2", "9600", 'rated_pressure = "3.9 psi"'):
         assert words in text
 
 
