@@ -31,6 +31,7 @@ from labctl.ledger.ledger import Ledger
 LABCTL = [sys.executable, "-m", "labctl"]
 LONGEST_LIFE_S = 12.0
 SAFE_WITHIN_S = 15.0
+TRIES = 3
 _TRIAL = re.compile(r"trial (\d+) of \d+: (.*)")
 _RUN = re.compile(r"run (\d+):")
 
@@ -45,6 +46,7 @@ class Tally:
     lost: list[str] = field(default_factory=list)
     unreadable: list[str] = field(default_factory=list)
     unsafe: list[str] = field(default_factory=list)
+    ended_by_themselves: list[str] = field(default_factory=list)
     recorded: int = 0
     most_repeated: int = 0
     safe_after_s: list[float] = field(default_factory=list)
@@ -93,13 +95,15 @@ def main() -> int:
         finally:
             doubles.terminate()
             doubles.wait(20)
-    _say(tally)
+        _say(tally)
+        unfinished = _unfinished(place)
+    print(f"unfinished at the end: {unfinished or 'none'}")
     print(f"runs finished afterwards and verified from their raw files: {verified}")
     if arguments.out:
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
         arguments.out.write_text(json.dumps({"seed": seed, **asdict(tally), "verified": verified}, indent=1))
     good = not (tally.lost or tally.unreadable or tally.unsafe) and tally.most_repeated <= 1
-    return 0 if good and all(verified.values()) else 1
+    return 0 if good and all(verified.values()) and not unfinished else 1
 
 
 def _one_life(place: Place, life_s: float, tally: Tally) -> None:
@@ -264,10 +268,11 @@ def _say(tally: Tally) -> None:
     print(
         f"{tally.kills} kills: {tally.told} trials told, {len(tally.lost)} lost, {len(tally.unreadable)} ledgers "
         f"unreadable, {len(tally.unsafe)} times not SAFE (slowest {slowest:.1f} s), at most {tally.most_repeated} "
-        f"trial repeated, {tally.finished_before} runs came to their end first",
+        f"trial repeated, {tally.finished_before} runs came to their end first, "
+        f"{len(tally.ended_by_themselves)} ended by themselves",
         flush=True,
     )
-    for problem in (*tally.lost, *tally.unreadable, *tally.unsafe):
+    for problem in (*tally.lost, *tally.unreadable, *tally.unsafe, *tally.ended_by_themselves):
         print(f"  {problem}", flush=True)
 
 
