@@ -1,6 +1,6 @@
 """`labctl show RUN`: everything that the ledger holds of a run."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +10,7 @@ import click
 from labctl.cli.ledgers import ledger_option, tell
 from labctl.cli.output import emit_json, table
 from labctl.cli.rigs import json_option
+from labctl.cli.run_comparison import tell_comparison, tell_placements
 
 if TYPE_CHECKING:
     from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
@@ -23,30 +24,37 @@ _LONGEST_DETAIL = 200
 
 @click.command()
 @click.argument("run_name", metavar="RUN")
+@click.option(
+    "--against", "other_name", metavar="OTHER", help="Another run of the ledger to compare it with."
+)
 @ledger_option
 @json_option
-def show(run_name: str, ledger_folder: Path, as_json: bool) -> None:
+def show(run_name: str, other_name: str | None, ledger_folder: Path, as_json: bool) -> None:
     """Everything about a run: how it was made, its trials with attempts and reasons, events, and its numbers.
 
     RUN is its number, or 'last'. It can be asked while the run is being measured.
     """
     from labctl.ledger.ledger import Ledger
+    from labctl.measurement.codec import to_json
+    from labctl.statistics.comparison import compare_placements, compare_runs
     from labctl.statistics.summary import summarise, summary_to_json
 
     with Ledger.open(ledger_folder, tell) as ledger:
         run = ledger.find(run_name)
         trials, events = ledger.trials(run.number), ledger.events(run.number)
         state, raw_folder = ledger.state(run.number), ledger.raw_folder(run)
+        other = None if other_name is None else ledger.find(other_name)
+        other_trials = () if other is None else ledger.trials(other.number)
     summary = summarise(run, trials)
+    placements = compare_placements(run, trials)
+    compared = None if other is None else compare_runs(run, trials, other, other_trials)
     if as_json:
         emit_json(
             {
-                "state": state,
-                "simulated": run.simulated,
-                "run": asdict(run),
-                "trials": [asdict(trial) for trial in trials],
-                "events": [asdict(event) for event in events],
+                **_for_machines(run, state, trials, events),
                 "summary": summary_to_json(summary),
+                "placements_compared": [to_json(group) for group in placements],
+                "against": None if compared is None else to_json(compared),
                 "raw_folder": str(raw_folder),
             }
         )
@@ -54,7 +62,22 @@ def show(run_name: str, ledger_folder: Path, as_json: bool) -> None:
     _tell_run(run, state, raw_folder)
     _tell_trials(trials)
     _tell_summary(summary.groups)
+    tell_placements(placements)
+    if compared is not None:
+        tell_comparison(compared)
     _tell_events(event for event in events if event.kind not in _TOLD_BY_TRIALS)
+
+
+def _for_machines(
+    run: "RunRecord", state: "RunState", trials: "Sequence[TrialRecord]", events: "Sequence[EventRecord]"
+) -> dict[str, Any]:
+    return {
+        "state": state,
+        "simulated": run.simulated,
+        "run": asdict(run),
+        "trials": [asdict(trial) for trial in trials],
+        "events": [asdict(event) for event in events],
+    }
 
 
 def _tell_run(run: "RunRecord", state: "RunState", raw_folder: Path) -> None:
