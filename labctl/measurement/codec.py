@@ -1,7 +1,6 @@
-"""Results, windows and bases to and from plain JSON, exactly: every float comes back to the last bit."""
+"""Results and windows to and from plain JSON, to the last bit; the basis of a run's trials, from its record."""
 
 import dataclasses
-import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -25,23 +24,14 @@ def to_json(record: object) -> Json:
     return plain
 
 
-def canonical(record: object) -> str:
-    """One text for one record (a dataclass, or its JSON): two records are equal to the last bit where these are.
-
-    Raises:
-        ValueError: a number that JSON does not have (NaN, infinity).
-    """
-    return json.dumps(_plain(record), sort_keys=True, separators=(",", ":"), allow_nan=False)
-
-
 def result_from_json(data: Mapping[str, Any]) -> TrialResult:
     """A trial's result as `to_json` wrote it."""
     clock, relaxation = data["clock"], data["relaxation"]
     return TrialResult(
         clock=None if clock is None else ClockFit(**clock),
         frame_residual_mm=data["frame_residual_mm"],
-        levels=tuple(LevelResult(**with_tuples(level)) for level in data["levels"]),
-        relaxation=None if relaxation is None else RelaxationResult(**with_tuples(relaxation)),
+        levels=tuple(LevelResult(**_with_tuples(level)) for level in data["levels"]),
+        relaxation=None if relaxation is None else RelaxationResult(**_with_tuples(relaxation)),
         problems=tuple(data["problems"]),
     )
 
@@ -49,28 +39,6 @@ def result_from_json(data: Mapping[str, Any]) -> TrialResult:
 def window_from_json(data: Mapping[str, Any]) -> Window:
     """A window as `to_json` wrote it."""
     return Window(**data)
-
-
-def basis_to_json(basis: Basis) -> Json:
-    """A basis as plain JSON; the simulated heights become a list, since JSON's keys are texts."""
-    simulated = [
-        {"pressure_psi": pressure_psi, "heights_mm": list(heights_mm)}
-        for pressure_psi, heights_mm in basis.simulated_mm.items()
-    ]
-    return {**_plain(dataclasses.replace(basis, simulated_mm={})), "simulated_mm": simulated}
-
-
-def basis_from_json(data: Mapping[str, Any]) -> Basis:
-    """A basis as `basis_to_json` wrote it."""
-    return Basis(
-        **{
-            **data,
-            "points": tuple(MarkerPoint(**point) for point in data["points"]),
-            "simulated_mm": {
-                level["pressure_psi"]: tuple(level["heights_mm"]) for level in data["simulated_mm"]
-            },
-        }
-    )
 
 
 def basis_of(run: RunRecord, pattern: str) -> Basis:
@@ -91,8 +59,7 @@ def basis_of(run: RunRecord, pattern: str) -> Basis:
     )
 
 
-def with_tuples(data: Mapping[str, Any]) -> Json:
-    """An object's values, its lists as tuples, as the dataclasses hold them."""
+def _with_tuples(data: Mapping[str, Any]) -> Json:
     return {key: tuple(value) if isinstance(value, list) else value for key, value in data.items()}
 
 

@@ -39,7 +39,7 @@ def differences(stored: object, recomputed: object, where: str = "") -> tuple[Di
             for index, (one, other) in enumerate(zip(stored, recomputed, strict=True))
             for difference in differences(one, other, f"{where}[{index}]")
         )
-    if type(stored) is type(recomputed) and repr(stored) == repr(recomputed):
+    if repr(stored) == repr(recomputed):
         return ()
     return (Difference(where, stored, recomputed),)
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from labctl.ledger.records import RunRecord, TrialRecord
-from labctl.measurement.codec import basis_of, result_from_json, to_json, with_tuples
+from labctl.measurement.codec import basis_of, result_from_json, to_json
 from labctl.measurement.result import Heights, LevelResult, TrialResult
 from labctl.statistics.intervals import Interval, Method, bootstrap_mean, t_mean
 
@@ -94,11 +94,6 @@ def good_levels(trials: Iterable[TrialRecord]) -> Mapping[GroupKey, tuple[GoodLe
 def summary_to_json(summary: RunSummary) -> dict[str, Any]:
     """A summary as plain JSON; every float comes back to the last bit."""
     return to_json(summary)
-
-
-def summary_from_json(data: Mapping[str, Any]) -> RunSummary:
-    """A summary as `summary_to_json` wrote it."""
-    return RunSummary(tuple(Group(**with_tuples(group)) for group in data["groups"]))
 
 
 def _tau_s(result: TrialResult) -> float | None:

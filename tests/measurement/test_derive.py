@@ -5,7 +5,7 @@ import made_recording as made
 import numpy as np
 import pytest
 
-from labctl.measurement.codec import canonical
+from labctl.measurement.codec import to_json
 from labctl.measurement.derive import derive
 from labctl.measurement.windows import Window
 from labctl.mocap.transfer import transfer_error
@@ -67,7 +67,7 @@ def test_frames_belong_to_a_window_by_the_laboratorys_clock(trial):
 
 
 def test_the_same_recording_gives_the_same_bits_again(trial):
-    texts = {canonical(derive(*trial.parts)) for _ in range(3)}
+    texts = {repr(derive(*trial.parts)) for _ in range(3)}
     assert len(texts) == 1
 
 
@@ -219,4 +219,5 @@ def test_nothing_in_a_recording_raises(trial):
         ]
         pressures = made.made_pressures(asked_s, made.pressure_at(asked_s))
         result = derive(frames, pressures, (*windows, trial.windows[0]), trial.basis)
-        assert canonical(result)
+        # No number that JSON has not.
+        assert to_json(result)
