@@ -60,7 +60,7 @@ def side_by_side_table(views: Sequence[RunView]) -> Table:
                 str(group.trials),
                 percent(group.e_t_mean_percent, group.e_t_sd_percent),
                 interval_words(group.e_t_low_percent, group.e_t_high_percent),
-                mean_sd(group.tau_mean_s, group.tau_sd_s, "s", 2),
+                mean_sd(group.tau_mean_s, group.tau_sd_s, "s", 3),
             )
             for group in view.summary.groups
         ] or [(*named, NONE, NONE, NONE, "0", NONE, NONE, NONE)]

@@ -82,11 +82,11 @@ def clocks_table(view: RunView) -> Table:
 def files_table(view: RunView) -> Table:
     """The raw files with their sizes and hashes."""
     rows = tuple(
-        (file.path, f"{file.size_bytes / 1e6:.2f}", file.sha256)
+        (file.path, f"{file.size_bytes / 1e3:.0f}", file.sha256)
         for each in view.attempts
         for _, file in sorted(each.record.raw.items())
     )
-    return Table(("raw file", "MB", "SHA-256"), rows)
+    return Table(("raw file", "kB", "SHA-256"), rows)
 
 
 def events_table(view: RunView) -> Table:

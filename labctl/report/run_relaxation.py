@@ -10,12 +10,16 @@ from labctl.report.run_heights import numbers
 from labctl.report.run_view import Attempt
 
 _SIZE_IN = (15.0, 6.2)
+_SHOWN_TAUS = 10.0
 # Apart for everybody; they come round again.
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 
 def relaxation_figure(attempts: Sequence[Attempt]) -> Figure | None:
-    """On the left the heights and the fits, on the right what the fits leave; None where no attempt has any."""
+    """On the left the heights and the fits while they fall, on the right what the fits leave, all the time.
+
+    None where no attempt has a relaxation.
+    """
     told = [
         (each, each.result.relaxation)
         for each in attempts
@@ -37,6 +41,7 @@ def relaxation_figure(attempts: Sequence[Attempt]) -> Figure | None:
         if fitted_mm is not None:
             heights.plot(time_s, fitted_mm, color=colour, linewidth=1.8, label=label)
             rests.plot(time_s, height_mm - fitted_mm, ".-", color=colour, linewidth=0.8, markersize=5)
+    heights.set_xlim(0.0, _shown_s([relaxation for _, relaxation in told]))
     heights.set(xlabel="time from the vent, s", ylabel="mean height, mm")
     rests.set(xlabel="time from the vent, s", ylabel="measured less fitted, mm")
     rests.axhline(0, color="#8c8c8c", linewidth=1.0, zorder=1)
@@ -54,8 +59,15 @@ def fit_mm(relaxation: RelaxationResult) -> np.ndarray | None:
     return rest_mm + amplitude_mm * np.exp(-np.array(relaxation.time_s) / tau_s)
 
 
+def _shown_s(relaxations: Sequence[RelaxationResult]) -> float:
+    """As far as there is anything to see of the fall."""
+    longest_s = max(relaxation.time_s[-1] for relaxation in relaxations)
+    taus_s = [relaxation.tau_s for relaxation in relaxations if relaxation.tau_s is not None]
+    return min(longest_s, _SHOWN_TAUS * max(taus_s)) if taus_s else longest_s
+
+
 def _tau(relaxation: RelaxationResult) -> str:
     if relaxation.tau_s is None:
         return ": no fit"
-    error = "" if relaxation.tau_se_s is None else f" ± {relaxation.tau_se_s:.2f}"
-    return f": τ = {relaxation.tau_s:.2f}{error} s"
+    error = "" if relaxation.tau_se_s is None else f" ± {relaxation.tau_se_s:.3f}"
+    return f": τ = {relaxation.tau_s:.3f}{error} s"

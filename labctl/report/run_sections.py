@@ -136,7 +136,7 @@ def _relaxation(view: RunView) -> Iterator[Section]:
     if figure is not None:
         caption = (
             "Mean height over the points after venting, and the fitted rest + amplitude · exp(−t / τ); ± is the "
-            "standard error of the fit."
+            "standard error of the fit. On the left the first ten time constants, on the right all of the time."
         )
         shown = Shown(figure, "Height against time after the vent, with the fit", caption)
         yield Section("Relaxation", figures=(shown,))

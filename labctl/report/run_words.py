@@ -51,7 +51,7 @@ def group_sentence(view: RunView, group: Group) -> str:
     if group.e_t_mean_percent is not None:
         found.append(f"e_t {percent(group.e_t_mean_percent, group.e_t_sd_percent)}")
     if group.tau_mean_s is not None:
-        found.append(f"relaxes with τ = {mean_sd(group.tau_mean_s, group.tau_sd_s, 's', 2)}")
+        found.append(f"relaxes with τ = {mean_sd(group.tau_mean_s, group.tau_sd_s, 's', 3)}")
     if not found:
         found.append("heights, nothing to compare them with,")
     return f"{where}: {', '.join(found)} over {trials}"
@@ -143,7 +143,7 @@ def groups_table(view: RunView) -> Table:
             percent(group.e_t_mean_percent, group.e_t_sd_percent),
             interval_words(group.e_t_low_percent, group.e_t_high_percent),
             interval_words(group.e_t_t_low_percent, group.e_t_t_high_percent),
-            *((mean_sd(group.tau_mean_s, group.tau_sd_s, "s", 2),) if relaxing else ()),
+            *((mean_sd(group.tau_mean_s, group.tau_sd_s, "s", 3),) if relaxing else ()),
         )
         for group in groups
     )

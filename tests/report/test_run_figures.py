@@ -171,7 +171,9 @@ def test_relaxation_shows_heights_and_fit():
     ]
     figure = relaxation_figure(view_of(run, trials).attempts)
 
-    assert legend(figure) == ["trial 1: τ = 1.60 ± 0.02 s", "trial 2: no fit"]
+    assert legend(figure) == ["trial 1: τ = 1.600 ± 0.020 s", "trial 2: no fit"]
+    assert figure.axes[0].get_xlim() == (0.0, pytest.approx(16.0))
+    assert figure.axes[1].lines[0].get_xdata()[-1] == pytest.approx(fitted.time_s[-1])
     assert fit_mm(fitted) == pytest.approx(np.array(fitted.height_mm))
     assert fit_mm(unfitted) is None
     assert relaxation_figure(view_of(run, [made.trial(run)]).attempts) is None

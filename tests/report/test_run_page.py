@@ -74,7 +74,7 @@ def test_a_page_holds_everything_in_itself(five):
 def test_a_page_says_what_came_out_and_where_from(five):
     text = Seen((five / "page.html").read_text(encoding="utf-8")).text
 
-    assert re.search(r"Sphere at 3\.90 psi: e_t \d\.\d % ± \d\.\d % over 5 trials", text)
+    assert re.search(r"Sphere at 3\.90 psi: e_t \d\.\d\d % ± \d\.\d\d % over 5 trials", text)
     assert SIMULATED in text
     for words in (
         "218899",
