@@ -11,6 +11,7 @@ from labctl.config.rig import (
     Limits,
     MarkerPoint,
     MarkersConfig,
+    MeasurementConfig,
     RegulatorConfig,
     RigConfig,
     ValvesConfig,
@@ -72,9 +73,9 @@ def rig(points=POINTS, frequency_hz=FREQUENCY_HZ):
             "marker stream", "phasespace", "127.0.0.1", 30, frequency_hz, "+z", 1.0, points, 0.5
         ),
         limits=Limits(),
+        measurement=MeasurementConfig(min_points=12),
     )
-    held = json.loads(json.dumps(asdict(config)))
-    return {**held, "measurement": {"min_points": 12, "min_share": 0.5}}
+    return json.loads(json.dumps(asdict(config)))
 
 
 def moment(seconds=0.0):
