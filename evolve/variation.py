@@ -1,7 +1,7 @@
 """Variation: how a child differs from its parent. Each child is made by exactly one operator.
 
-`endpoint` and `count` are the published ones (Parsa et al., RoboSoft 2023, section II.B.2); what the others are
-worth is measured by bench/evolve_operators.py.
+`endpoint` and `count` are the published ones (Parsa et al., RoboSoft 2023, section II.B.2); what each of
+the others is worth on a small budget, bench/evolve_operators.py has measured (docs/results/operators.md).
 """
 
 from collections.abc import Callable, Mapping
