@@ -135,8 +135,8 @@ def _relaxation(view: RunView) -> Iterator[Section]:
     figure = relaxation_figure([each for each in view.attempts if each.counts])
     if figure is not None:
         caption = (
-            "Mean height over the points after venting, and rest + amplitude · exp(−t / τ), fitted to its first five time "
-            "constants; ± is the standard error of the fit. On the left ten time constants, on the right all of the time."
+            "Mean height over the points after venting, and rest + amplitude · exp(−t / τ), fitted to its first five "
+            "time constants; ± is the standard error of the fit. On the left ten time constants, on the right all of it."
         )
         shown = Shown(figure, "Height against time after the vent, with the fit", caption)
         yield Section("Relaxation", figures=(shown,))
