@@ -136,7 +136,8 @@ def _relaxation(view: RunView) -> Iterator[Section]:
     if figure is not None:
         caption = (
             "Mean height over the points after venting, and rest + amplitude · exp(−t / τ), fitted to its first five "
-            "time constants; ± is the standard error of the fit. On the left ten time constants, on the right all of it."
+            "time constants; ± is the standard error of the fit. On the left ten time constants, on the right all of "
+            "the time."
         )
         shown = Shown(figure, "Height against time after the vent, with the fit", caption)
         yield Section("Relaxation", figures=(shown,))
