@@ -8,6 +8,7 @@ from labctl.report.run_words import NONE, clock_time, interval_words, mean_sd, n
 from labctl.statistics.comparison import (
     GroupComparison,
     GroupName,
+    RunComparison,
     compare_placements,
     compare_runs,
 )
@@ -71,20 +72,21 @@ def side_by_side_table(views: Sequence[RunView]) -> Table:
 
 def comparison_table(views: Sequence[RunView]) -> Table:
     """Every run against the first, group by group; empty where no group has its like."""
-    rows = []
-    for first, other in ((views[0], other) for other in views[1:]):
-        compared = compare_runs(first.run, first.trials, other.run, other.trials)
-        rows += [_row(each, of_runs=True) for each in compared.groups]
+    rows = [_row(each, of_runs=True) for compared in _compared(views) for each in compared.groups]
     return Table(_HEAD, tuple(rows))
 
 
 def unmatched_words(views: Sequence[RunView]) -> str:
-    """The groups that have no like in the run that they were to be compared with; "" where there is none."""
-    names: dict[GroupName, None] = {}
-    for first, other in ((views[0], other) for other in views[1:]):
-        compared = compare_runs(first.run, first.trials, other.run, other.trials)
-        names |= dict.fromkeys(compared.unmatched)
-    return f"Not compared, having no like: {'; '.join(each.describe() for each in names)}." if names else ""
+    """The groups that were compared with none, having no like; "" where there is none."""
+    told = _compared(views)
+    matched = {name for compared in told for each in compared.groups for name in (each.one, each.other)}
+    alone = dict.fromkeys(name for compared in told for name in compared.unmatched if name not in matched)
+    return f"Not compared, having no like: {'; '.join(name.describe() for name in alone)}." if alone else ""
+
+
+def _compared(views: Sequence[RunView]) -> list[RunComparison]:
+    first = views[0]
+    return [compare_runs(first.run, first.trials, other.run, other.trials) for other in views[1:]]
 
 
 def placements_table(view: RunView) -> Table:

@@ -94,7 +94,7 @@ def name(text: str) -> str:
 
 def signed(value: float, decimals: int) -> str:
     """A number with its sign, the minus as it is printed."""
-    return f"{value:+.{decimals}f}".replace("-", "\u2212")
+    return f"{round(value, decimals) + 0.0:+.{decimals}f}".replace("-", "\u2212")
 
 
 def glance(view: RunView) -> list[tuple[str, str]]:

@@ -7,6 +7,7 @@ import made_measurement as made
 import pytest
 
 from labctl.errors import BadInput, LabError
+from labctl.report.run_comparison import comparison_table, unmatched_words
 from labctl.report.run_page import SIMULATED, run_page, write_run_page
 from labctl.report.run_view import run_view
 
@@ -180,6 +181,19 @@ def test_several_runs_stand_side_by_side_and_are_compared():
     assert "run 7: sphere, neat, 3.90 psi" in seen.text
     assert "run 8: sphere, neat, 3.90 psi" in seen.text
     assert seen.tags.count("article") == 2
+
+
+def test_what_has_no_like_is_said_once():
+    """The sphere of run 7 has its like in run 8; neither has the cylinder of run 9."""
+    runs = [made.run(number=7), made.run(number=8), made.run(number=9, patterns=("cylinder",))]
+    views = [
+        view_of(run, [made.trial(run, pattern=pattern)], read=no_pressures)
+        for run, pattern in zip(runs, ("sphere", "sphere", "cylinder"), strict=True)
+    ]
+
+    assert len(comparison_table(views).rows) == 1
+    assert unmatched_words(views) == "Not compared, having no like: run 9, neat, cylinder at 3.9 psi."
+    assert unmatched_words(views[:2]) == ""
 
 
 def no_pressures(trial):
