@@ -109,6 +109,7 @@ def run(
         protocol=protocol,
         begun=moment(),
         request=request,
+        planned_trials=int(request["trials"]),
         design_name="known",
         design_source="labctl/designs/known.toml",
         design_text=design_text("known"),

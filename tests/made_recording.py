@@ -124,6 +124,7 @@ def run_of(trial, **changes):
         protocol="five-trial",
         begun=THEN,
         request={},
+        planned_trials=1,
         design_name="known",
         design_source="known.toml",
         design_text="",

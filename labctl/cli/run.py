@@ -191,7 +191,7 @@ def _measure(
 
         def register(rig: "Rig") -> "RunRecord":
             if before is None:
-                record = begin(writer, prepared, heights, rig, who, note)
+                record = begin(writer, prepared, len(trials), heights, rig, who, note)
             else:
                 for change in changed_instruments(before, rig):
                     line.note(change)

@@ -1,6 +1,6 @@
 """`labctl runs`: the runs in the ledger, and how each stands."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Line:
-    """A run in a line. `planned` is None until its first trial is in; `e_t_percent` are the means of its groups."""
+    """A run in a line; `e_t_percent` are the means of its groups."""
 
     run: "RunRecord"
     state: "RunState"
     good: int
     attempts: int
-    planned: int | None
+    planned: int
     e_t_percent: tuple[float, ...]
 
 
@@ -62,18 +62,6 @@ def runs(ledger_folder: Path, as_json: bool) -> None:
         )
 
 
-def planned_trials(run: "RunRecord", trials: "Sequence[TrialRecord]") -> int | None:
-    """How many trials a run's request makes: `trials` of each placement, pattern and share of the pressures.
-
-    A trial takes one of the pressures or all of them; that is known from the first trial that was recorded.
-    """
-    asked = run.request
-    if not trials or not all(key in asked for key in ("trials", "patterns", "placements", "pressures_psi")):
-        return None
-    kinds = len(asked["patterns"]) * len(asked["placements"]) * len(asked["pressures_psi"])
-    return int(asked["trials"]) * kinds // max(1, len(trials[0].pressures_psi))
-
-
 def _line(ledger: "Ledger", run: "RunRecord") -> Line:
     trials = ledger.trials(run.number)
     good = {trial.number for trial in trials if trial.outcome == "good"}
@@ -82,7 +70,7 @@ def _line(ledger: "Ledger", run: "RunRecord") -> Line:
         state=ledger.state(run.number),
         good=len(good),
         attempts=len(trials),
-        planned=planned_trials(run, trials),
+        planned=run.planned_trials,
         e_t_percent=_group_means(trials) if good else (),
     )
 
@@ -112,7 +100,7 @@ def _for_people(line: Line) -> tuple[str, ...]:
         run.design_name,
         ", ".join(run.request.get("patterns", ())),
         "SIMULATED" if run.simulated else run.rig_name,
-        f"{line.good} of {'?' if line.planned is None else line.planned}",
+        f"{line.good} of {line.planned}",
         " to ".join(dict.fromkeys(e_t)),
         line.state,
     )

@@ -26,9 +26,10 @@ class RunRecord:
     """A run as it was begun.
 
     `number` counts runs from 1. `request` is what was asked for, enough to make the same plan again (protocol,
-    patterns, pressures_psi, trials, repeats, placements). `design_text` is the whole design file, `rig` the whole
-    configuration. `identities` maps "regulator", "valves" and "markers" to model, serial_number, firmware and notes.
-    `simulated_heights` is the simulator's word: a list of {pattern, pressure_psi, heights_mm}. `versions` maps
+    patterns, pressures_psi, trials, attempts, placements, watch_s), `planned_trials` how many trials that plan has.
+    `design_text` is the whole design file, `rig` the whole configuration. `identities` maps "regulator", "valves" and
+    "markers" to model, serial_number, firmware and notes. `simulated_heights` is the simulator's word: a list of
+    {pattern, pressure_psi, heights_mm}. `versions` maps
     programs to versions, `commit` is the checkout's, with "+changes" where it had any; None where there is none.
     """
 
@@ -36,6 +37,7 @@ class RunRecord:
     protocol: str
     begun: Moment
     request: Json
+    planned_trials: int
     design_name: str
     design_source: str
     design_text: str

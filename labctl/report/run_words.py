@@ -105,7 +105,7 @@ def glance(view: RunView) -> list[tuple[str, str]]:
     high = [level.highest_psi for level in levels if level.highest_psi is not None]
     first = [group for group in view.summary.groups if group.e_t_mean_percent is not None]
     found = [
-        ("trials that count", str(len(counted))),
+        ("trials that count", f"{len(counted)} of {view.run.planned_trials}"),
         ("attempts", str(len(view.attempts))),
         ("measuring points", str(len(view.points))),
     ]

@@ -100,6 +100,7 @@ def simulated_heights(
 def begin(
     ledger: LedgerWriter,
     prepared: Prepared,
+    planned_trials: int,
     heights: tuple[dict[str, Any], ...],
     rig: Rig,
     operator: str,
@@ -112,6 +113,7 @@ def begin(
             protocol=prepared.protocol.name,
             begun=now(),
             request=prepared.request.to_json(),
+            planned_trials=planned_trials,
             design_name=prepared.design.name,
             design_source=prepared.design.source,
             design_text=prepared.design_text,

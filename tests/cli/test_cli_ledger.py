@@ -78,8 +78,8 @@ def test_runs_has_a_line_for_each(folder, capsys):
     assert head[:3] == ["run", "begun", "protocol"]
     assert [" ".join(line) for line in lines] == [
         "1 2026-03-01 09:00 five-trial known sphere SIMULATED 5 of 5 17.2 finished",
-        "2 2026-03-01 09:00 five-trial known cylinder SIMULATED 0 of ? - interrupted",
-        "3 2026-03-01 09:00 relaxation known sphere bench 0 of ? - failed",
+        "2 2026-03-01 09:00 five-trial known cylinder SIMULATED 0 of 5 - interrupted",
+        "3 2026-03-01 09:00 relaxation known sphere bench 0 of 5 - failed",
     ]
 
 

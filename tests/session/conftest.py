@@ -89,7 +89,7 @@ class Laboratory:
             def register(rig):
                 if run is not None:
                     return go_on(ledger, run, rig, "a test", "")
-                return begin(ledger, prepared, heights, rig, "a test", "")
+                return begin(ledger, prepared, len(trials), heights, rig, "a test", "")
 
             rig = Rig(self.config, stop=stop, tell=self.notes.append)
             return conduct(rig, register, trials, prepared.request.attempts, ledger, stop, listener)

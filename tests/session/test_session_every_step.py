@@ -83,7 +83,7 @@ def test_an_exception_ends_in_safe_and_in_a_failed_trial(laboratory, index, afte
     assert all(record.safe["safe"] for record in lab.told)
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, MemoryError])
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
 @pytest.mark.parametrize("index", range(len(STEPS)), ids=STEPS)
 def test_what_is_no_ordinary_error_ends_in_safe_too(laboratory, index, error):
     lab = laboratory()

@@ -34,6 +34,7 @@ def run_record(number=7, points=PLACES_MM, simulated=((3.9, (4.0, 8.0, 2.0, 1.0)
         protocol="five-trial",
         begun=THEN,
         rig=rig,
+        planned_trials=5,
         simulated=True,
         simulated_heights=heights,
         commit=None,
