@@ -1,16 +1,13 @@
 """`labctl inflate`: from a pattern's name to a measured shape and back to SAFE."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.outcome import Outcome
 from labctl.cli.output import ProgressLine, banner, emit_json, number, table
-from labctl.cli.rigs import chosen_rig, design_option, json_option, rig_option
+from labctl.cli.rigs import chosen_rig, design_option, json_option, reporting, rig_option
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,7 +15,6 @@ if TYPE_CHECKING:
 
     from labctl.config.rig import RigConfig
     from labctl.mocap.transfer import TransferError
-    from labctl.rig import Rig
     from protocols.inflate import Inflation
 
 
@@ -58,7 +54,7 @@ def inflate(pattern: str, pressure_text: str, design_name: str, rig_path: Path |
             simulated = simulate_pattern(design, pattern, design.sheet.strain_at(wanted_psi))
             simulated_mm = simulated.points_mm(points_mm)[:, 2]
             line.show("opening the rig")
-            with _reporting(Rig(config, stop=stop, tell=line.note)) as rig:
+            with reporting(Rig(config, stop=stop, tell=line.note)) as rig:
                 result = run_inflate(
                     rig,
                     InflateOrder(channels, wanted_psi),
@@ -72,16 +68,6 @@ def inflate(pattern: str, pressure_text: str, design_name: str, rig_path: Path |
         emit_json(_for_machines(config, pattern, result, simulated_mm, error))
     else:
         _for_people(config, f"design {design.name}, pattern {pattern}", result, simulated_mm, error)
-
-
-@contextmanager
-def _reporting(rig: "Rig") -> Iterator["Rig"]:
-    """The rig, and after it the state that was read back, for whatever is said last."""
-    try:
-        with rig:
-            yield rig
-    finally:
-        Outcome.current().report = rig.safe_report
 
 
 def _for_machines(

@@ -21,6 +21,7 @@ from labctl.stop import StopRequest
 
 if TYPE_CHECKING:
     from labctl.config.design import Design
+    from labctl.rig import Rig
 
 _READY_TIMEOUT_S = 180.0
 _LOOK_S = 0.1
@@ -74,6 +75,16 @@ def chosen_rig(
         with _doubles_process(path, design_name, stop, speed):
             # The file is gone when a message that names it is read.
             yield replace(load_rig(path), source=_DOUBLES_FILE)
+
+
+@contextmanager
+def reporting(rig: "Rig") -> Iterator["Rig"]:
+    """The rig, and after it the state that was read back, for whatever is said last."""
+    try:
+        with rig:
+            yield rig
+    finally:
+        Outcome.current().report = rig.safe_report
 
 
 def rig_to_be(rig_path: Path | None, design: "Design") -> RigConfig:

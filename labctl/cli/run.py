@@ -1,25 +1,16 @@
 """`labctl run PROTOCOL`: a scripted measurement, every trial committed to the ledger before it is told."""
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from labctl.cli.ledgers import ledger_option, tell
-from labctl.cli.outcome import Outcome
-from labctl.cli.output import ProgressLine
-from labctl.cli.rigs import chosen_rig, design_option, json_option, rig_option, rig_to_be
+from labctl.cli.ledgers import ledger_option
+from labctl.cli.rigs import design_option, json_option, rig_option
 from labctl.errors import BadInput
 
 if TYPE_CHECKING:
-    from labctl.ledger.records import RunRecord
-    from labctl.ledger.writer import LedgerWriter
-    from labctl.rig import Rig
-    from labctl.session.preparation import Prepared
     from labctl.session.request import Asked
-    from labctl.stop import StopRequest
 
 
 @click.command()
@@ -85,14 +76,15 @@ def run(
     Each trial is in the ledger before it is told. Ctrl-C at any moment ends in SAFE; --continue RUN goes on at
     the next trial. Exit code 0 means that every trial is good and SAFE was read back.
     """
+    from labctl.cli.run_session import How, begin, go_on
     from labctl.session.preparation import prepare
-    from labctl.session.request import plan
 
+    how = How(rig_path, ledger_folder, speed, operator, note, as_json)
     if speed is not None and rig_path is not None:
         raise BadInput("--speed is for the command's own doubles; a rig.toml says its own speed")
     if continued is not None:
         _refuse_beside_continue(ctx)
-        _go_on(continued, rig_path, ledger_folder, speed, operator, note, as_json)
+        go_on(continued, how)
         return
     if protocol is None:
         raise BadInput(f"which protocol? {_protocols()}")
@@ -103,10 +95,7 @@ def run(
 
         tell_plan(prepared, rig_path, as_json)
         return
-    # Refused before a ledger is made or doubles are started.
-    plan(prepared.protocol, prepared.request, prepared.design, rig_to_be(rig_path, prepared.design))
-    with _opened(ledger_folder, as_json) as (writer, stop, line):
-        _measure(prepared, writer, stop, line, rig_path, design_name, speed, operator, note, as_json)
+    begin(prepared, design_name, how)
 
 
 def _refuse_beside_continue(ctx: click.Context) -> None:
@@ -123,92 +112,6 @@ def _refuse_beside_continue(ctx: click.Context) -> None:
             f"{', '.join(names[name] for name in given)}: --continue goes on with what the run was begun with; "
             "leave it out"
         )
-
-
-def _go_on(
-    name: str,
-    rig_path: Path | None,
-    ledger_folder: Path,
-    speed: float | None,
-    operator: str | None,
-    note: str,
-    as_json: bool,
-) -> None:
-    import tempfile
-
-    from labctl.ledger.ledger import Ledger
-    from labctl.session.preparation import prepare_again
-
-    with Ledger.open(ledger_folder, tell) as read:
-        prepared = prepare_again(read, name)
-    if prepared.run is not None and not prepared.run.simulated and rig_path is None:
-        raise BadInput(f"run {prepared.run.number} was measured on a real rig: name it with --rig")
-    with _opened(ledger_folder, as_json) as (writer, stop, line), tempfile.TemporaryDirectory() as folder:
-        # Another process may have finished it since.
-        prepared = prepare_again(writer, name)
-        # The doubles' sheet is the one of the run, whatever became of the design's file.
-        design = Path(folder) / "design.toml"
-        design.write_text(prepared.design_text, encoding="utf-8")
-        _measure(prepared, writer, stop, line, rig_path, str(design), speed, operator, note, as_json)
-
-
-def _measure(
-    prepared: "Prepared",
-    writer: "LedgerWriter",
-    stop: "StopRequest",
-    line: ProgressLine,
-    rig_path: Path | None,
-    design_name: str,
-    speed: float | None,
-    operator: str | None,
-    note: str,
-    as_json: bool,
-) -> None:
-    from labctl.cli.run_words import RunTeller, default_operator, tell_result
-    from labctl.rig import Rig
-    from labctl.session.engine import conduct
-    from labctl.session.preparation import (
-        begin,
-        changed_instruments,
-        go_on,
-        require_same_rig,
-        simulated_heights,
-    )
-    from labctl.session.request import plan
-    from labctl.session.run_stop import RunStop
-    from sim.warm import compile_kernels
-
-    who = operator or default_operator()
-    compile_kernels(line.note)
-    with chosen_rig(rig_path, design_name, stop, speed or 1.0) as config:
-        trials = plan(prepared.protocol, prepared.request, prepared.design, config)
-        before = prepared.run
-        if before is not None:
-            require_same_rig(before, config)
-        line.show("simulating the patterns")
-        heights = () if before is not None else simulated_heights(prepared.design, trials, config)
-        teller = RunTeller(line, config, trials, quiet=as_json)
-
-        def register(rig: "Rig") -> "RunRecord":
-            if before is None:
-                record = begin(writer, prepared, len(trials), heights, rig, who, note)
-            else:
-                for change in changed_instruments(before, rig):
-                    line.note(change)
-                record = go_on(writer, before, rig, who, note)
-            teller.begun(record)
-            return record
-
-        line.show("opening the rig")
-        run_stop = RunStop(stop)
-        opened = _reporting(Rig(config, stop=run_stop, tell=line.note))
-        try:
-            record, summary = conduct(
-                opened, register, trials, prepared.request.attempts, writer, run_stop, teller.listener()
-            )
-        finally:
-            teller.finish()
-    tell_result(record, summary, writer.trials(record.number), Outcome.current().report, as_json)
 
 
 def _asked(
@@ -230,30 +133,6 @@ def _asked(
         placement=placement,
         watch_s=None if watch_text is None else duration_s(watch_text),
     )
-
-
-@contextmanager
-def _opened(
-    ledger_folder: Path, as_json: bool
-) -> Iterator[tuple["LedgerWriter", "StopRequest", ProgressLine]]:
-    """The ledger with its lock held, the operator's stop and the progress line: before any instrument is asked."""
-    from labctl.cli.interrupts import stop_on_signals
-    from labctl.ledger.writer import LedgerWriter
-
-    with ExitStack() as opened:
-        stop = opened.enter_context(stop_on_signals())
-        line = opened.enter_context(ProgressLine(quiet=as_json))
-        yield opened.enter_context(LedgerWriter.open(ledger_folder, line.note)), stop, line
-
-
-@contextmanager
-def _reporting(rig: "Rig") -> Iterator["Rig"]:
-    """The rig, and after it the state that was read back, for whatever is said last."""
-    try:
-        with rig:
-            yield rig
-    finally:
-        Outcome.current().report = rig.safe_report
 
 
 def _protocols() -> str:

@@ -12,7 +12,7 @@ from labctl.config.rig import RigConfig
 from labctl.errors import BadInput
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.moment import now
-from labctl.ledger.records import RunRecord
+from labctl.ledger.records import Json, RunRecord
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session.catalogue import find_protocol
@@ -81,9 +81,7 @@ def require_same_rig(run: RunRecord, config: RigConfig) -> None:
         )
 
 
-def simulated_heights(
-    design: Design, trials: Sequence[Trial], config: RigConfig
-) -> tuple[dict[str, Any], ...]:
+def simulated_heights(design: Design, trials: Sequence[Trial], config: RigConfig) -> tuple[Json, ...]:
     """The simulator's heights of every pattern and pressure of a plan, as a run's record holds them.
 
     Raises:
@@ -101,7 +99,7 @@ def begin(
     ledger: LedgerWriter,
     prepared: Prepared,
     planned_trials: int,
-    heights: tuple[dict[str, Any], ...],
+    heights: tuple[Json, ...],
     rig: Rig,
     operator: str,
     note: str,
