@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 import click
 
 from labctl.cli.ledgers import ledger_option
+from labctl.cli.output import emit_json
+from labctl.cli.rigs import json_option
 
 if TYPE_CHECKING:
     from labctl.session.inbox import Word
@@ -13,32 +15,35 @@ if TYPE_CHECKING:
 
 @click.command()
 @ledger_option
-def pause(ledger_folder: Path) -> None:
+@json_option
+def pause(ledger_folder: Path, as_json: bool) -> None:
     """Let the run that goes on finish its trial, then wait, the rig SAFE, until `labctl resume`."""
-    _ask(ledger_folder, "pause")
-    click.echo("the run pauses after its present trial; labctl resume goes on")
+    _ask(ledger_folder, "pause", as_json, "the run pauses after its present trial; labctl resume goes on")
 
 
 @click.command()
 @ledger_option
-def resume(ledger_folder: Path) -> None:
+@json_option
+def resume(ledger_folder: Path, as_json: bool) -> None:
     """Let a paused run go on."""
-    _ask(ledger_folder, "resume")
-    click.echo("the run goes on")
+    _ask(ledger_folder, "resume", as_json, "the run goes on")
 
 
 @click.command()
 @ledger_option
-def abort(ledger_folder: Path) -> None:
+@json_option
+def abort(ledger_folder: Path, as_json: bool) -> None:
     """End the run that goes on: to SAFE at once, the present trial recorded as aborted."""
-    _ask(ledger_folder, "abort")
-    click.echo(
-        "the run was asked to end; it reads SAFE back in its own terminal, and labctl runs shows how it ended"
+    _ask(
+        ledger_folder,
+        "abort",
+        as_json,
+        "the run was asked to end; it reads SAFE back in its own terminal, and labctl runs shows how it ended",
     )
 
 
-def _ask(folder: Path, word: "Word") -> None:
-    """Leave the word.
+def _ask(folder: Path, word: "Word", as_json: bool, said: str) -> None:
+    """Leave the word, and say what comes of it.
 
     Raises:
         BadInput: nobody writes to this ledger.
@@ -50,3 +55,7 @@ def _ask(folder: Path, word: "Word") -> None:
     if holder_of(folder) is None:
         raise BadInput(f"{folder}: no run goes on there; labctl runs lists those that were")
     ask(folder, word)
+    if as_json:
+        emit_json({"ledger": str(folder), "asked": word})
+    else:
+        click.echo(said)

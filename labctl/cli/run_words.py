@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from labctl.cli.output import ProgressLine, banner, emit_json, table
-from labctl.errors import BadInput
+from labctl.errors import BadInput, Stopped
 from labctl.telling import Teller
 
 if TYPE_CHECKING:
@@ -78,7 +78,8 @@ class RunTeller:
         self._line.note(f"lay {sheet} on the rig, which is SAFE, then press Enter")
         while not select.select([sys.stdin], [], [], 0)[0]:
             rig.wait(_LOOK_S)
-        sys.stdin.readline()
+        if not sys.stdin.readline():
+            raise Stopped("stopped by the end of the terminal's input, where Enter was waited for")
 
 
 def describe_trial(record: "TrialRecord", planned: int) -> str:

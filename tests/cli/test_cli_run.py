@@ -188,7 +188,7 @@ def test_a_run_pauses_goes_on_and_is_aborted_from_another_terminal(start, labctl
     assert is_safe(fast.last())
     assert [trial.outcome for trial in trials_of(tmp_path / "ledger")] == ["good"]
 
-    assert labctl("resume", *ledger).code == 0
+    assert json.loads(labctl("resume", *ledger, "--json").out)["asked"] == "resume"
     running.wait_for("trial 2: hold")
     assert labctl("abort", *ledger).code == 0
     assert running.end().code == 130
