@@ -2,6 +2,8 @@
 
 import json
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -23,29 +25,56 @@ def text_of(record: Record) -> str:
 
 
 def run_of(text: str) -> RunRecord:
-    """The run that was written as `text`."""
-    plain = json.loads(text)
-    plain["begun"] = Moment(**plain["begun"])
-    plain["simulated_heights"] = tuple(plain["simulated_heights"])
-    return RunRecord(**plain)
+    """The run that was written as `text`.
+
+    Raises:
+        LabError: it was written by another version of labctl.
+    """
+    with _as_written_here("run"):
+        plain = json.loads(text)
+        plain["begun"] = Moment(**plain["begun"])
+        plain["simulated_heights"] = tuple(plain["simulated_heights"])
+        return RunRecord(**plain)
 
 
 def trial_of(text: str) -> TrialRecord:
-    """The trial that was written as `text`."""
-    plain = json.loads(text)
-    plain["begun"] = Moment(**plain["begun"])
-    plain["ended"] = Moment(**plain["ended"])
-    plain["pressures_psi"] = tuple(plain["pressures_psi"])
-    plain["windows"] = tuple(plain["windows"])
-    plain["raw"] = {name: RawFile(**file) for name, file in plain["raw"].items()}
-    return TrialRecord(**plain)
+    """The trial that was written as `text`.
+
+    Raises:
+        LabError: it was written by another version of labctl.
+    """
+    with _as_written_here("trial"):
+        plain = json.loads(text)
+        plain["begun"] = Moment(**plain["begun"])
+        plain["ended"] = Moment(**plain["ended"])
+        plain["pressures_psi"] = tuple(plain["pressures_psi"])
+        plain["windows"] = tuple(plain["windows"])
+        plain["raw"] = {name: RawFile(**file) for name, file in plain["raw"].items()}
+        return TrialRecord(**plain)
 
 
 def event_of(text: str) -> EventRecord:
-    """The event that was written as `text`."""
-    plain = json.loads(text)
-    plain["at"] = Moment(**plain["at"])
-    return EventRecord(**plain)
+    """The event that was written as `text`.
+
+    Raises:
+        LabError: it was written by another version of labctl.
+    """
+    with _as_written_here("event"):
+        plain = json.loads(text)
+        plain["at"] = Moment(**plain["at"])
+        return EventRecord(**plain)
+
+
+@contextmanager
+def _as_written_here(kind: str) -> Iterator[None]:
+    """A row's checksum has held by now: fields that do not fit are another version's."""
+    try:
+        yield
+    except (KeyError, TypeError) as error:
+        raise LabError(
+            f"the ledger holds a {kind} that this version of labctl cannot read ({error}); read it with the version "
+            "that wrote it, which its record names"
+        ) from error
 
 
 def _plain(value: Any, where: str) -> Any:  # noqa: ANN401 - whatever a record holds

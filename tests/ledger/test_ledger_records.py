@@ -1,3 +1,4 @@
+import json
 import sqlite3
 from contextlib import closing
 
@@ -7,6 +8,7 @@ from made_ledger import ENDED, a_run, a_trial, an_event, not_a_word
 
 from labctl.errors import BadInput, LabError
 from labctl.ledger.ledger import Ledger
+from labctl.ledger.record_text import event_of, run_of, text_of, trial_of
 from labctl.ledger.records import EventRecord
 from labctl.ledger.writer import LedgerWriter
 
@@ -141,3 +143,13 @@ def test_a_person_with_sqlite_sees_columns(kept):
             (1, "good"),
             (2, "good"),
         ]
+
+
+@pytest.mark.parametrize(
+    ("read", "record"), [(run_of, a_run()), (trial_of, a_trial(1)), (event_of, an_event(1))]
+)
+def test_a_record_of_another_version_is_named_as_such(read, record):
+    plain = json.loads(text_of(record))
+    for fields in ({**plain, "new_field": 1}, {}):
+        with pytest.raises(LabError, match="the version that wrote it"):
+            read(json.dumps(fields))
