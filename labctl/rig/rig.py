@@ -35,6 +35,7 @@ class Rig:
     """An open rig. Use as a context manager: `with Rig(config, stop=..., tell=...) as rig:`.
 
     Opening identifies all three instruments, starts the guard and the supervisor, and energises nothing.
+    `safe_report` is what was last read back; None before that, and from when anything is energised until then.
 
     Args:
         config: the rig's configuration.
@@ -306,6 +307,8 @@ class Rig:
         self.check()
         with self._bus:
             self.check()
+            # What was read back before says nothing of the rig from here on.
+            self.safe_report = None
             self._supervisor.arm()
             self._guard.energised()
             yield self._instruments
