@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from labctl.errors import LabError, Stopped
+from labctl.errors import LabError, Stopped, Tripped
 from labctl.ledger.moment import now
 from labctl.ledger.raw import RawRecorder, read_frames, read_pressures
 from labctl.ledger.records import Outcome, RawFile, RunRecord, TrialRecord
@@ -54,7 +54,7 @@ def attempt(trial: Trial, number: int, at: Workplace) -> Attempt:
     recorder = RawRecorder(at.ledger.folder, _stem(at, trial, number))
     windows: list[Window] = []
     performed = _perform(trial, at, recorder, windows)
-    raw, error = _finish(recorder, performed.first_error)
+    raw, error = _finish(recorder, performed.first_error or _trip(at.rig))
     result = None
     if windows and len(raw) == 2:
         try:
@@ -94,6 +94,18 @@ def _perform(trial: Trial, at: Workplace, recorder: RawRecorder, windows: list[W
     bench = Bench(at.rig, windows.append, lambda detail: at.show(present, detail))
     with at.rig.recording(recorder):
         return perform(trial.checklist, bench, at.stop, begin)
+
+
+def _trip(rig: Rig) -> Tripped | None:
+    """What the supervisor vented the rig for where no step was left to be told."""
+    try:
+        rig.check()
+    except Tripped as trip:
+        return trip
+    except LabError:
+        # A stop is looked at when the trial is judged.
+        return None
+    return None
 
 
 def _finish(
