@@ -19,6 +19,8 @@ Times = NDArray[np.float64]
 SHORTEST_FOR_DRIFT_S = 30.0
 # No quartz is so far off: such a slope comes from delays that grew or shrank.
 LARGEST_DRIFT_PPM = 200.0
+# Frames that wait come closer together than they were made, and none is missing between them.
+LARGEST_LEAP_S = 0.25
 
 
 def fit_clock(time_s: Times, arrival_s: Times, frequency_hz: float) -> ClockFit:
@@ -27,7 +29,7 @@ def fit_clock(time_s: Times, arrival_s: Times, frequency_hz: float) -> ClockFit:
     Below `SHORTEST_FOR_DRIFT_S`, or where it would be above `LARGEST_DRIFT_PPM`, the drift is taken to be 0.
 
     Raises:
-        LabError: there is no frame, or the server's time does not grow from frame to frame.
+        LabError: there is no frame, or the server's time does not grow from frame to frame, or leaps.
     """
     if not len(time_s):
         raise LabError("no marker frame was recorded: there is nothing to fit the marker server's clock to")
@@ -37,6 +39,13 @@ def fit_clock(time_s: Times, arrival_s: Times, frequency_hz: float) -> ClockFit:
         raise LabError(
             f"the marker server's time goes from {time_s[back]:.6f} s to {time_s[back + 1]:.6f} s at frame "
             f"{back + 1}; it was started anew, or its clock was set: repeat the trial"
+        )
+    leaps_s = steps_s - np.diff(arrival_s)
+    if (leaps_s > LARGEST_LEAP_S + 1 / frequency_hz).any():
+        ahead = int(np.argmax(leaps_s))
+        raise LabError(
+            f"the marker server's time goes {leaps_s[ahead]:.3f} s further than the laboratory's from frame {ahead} "
+            f"to frame {ahead + 1}; its clock was set, or frames that waited were lost: repeat the trial"
         )
     # Relative to the first frame, so that the small differences keep their digits.
     elapsed_s = time_s - time_s[0]
