@@ -7,7 +7,7 @@ Pure and deterministic: the same recording, windows and basis give the same numb
 from collections.abc import Sequence
 
 from labctl.measurement.basis import Basis
-from labctl.measurement.level import UninflatedSheet, measure_level
+from labctl.measurement.level import EDGE_PSI, UninflatedSheet, measure_level
 from labctl.measurement.recording import Recording, lay_out
 from labctl.measurement.relaxation import measure_relaxation
 from labctl.measurement.result import LevelResult, RelaxationResult, TrialResult
@@ -62,7 +62,11 @@ def _uninflated(
     basis = recording.basis
     markers = recording.window_between(window.start_s, window.end_s)
     flow = recording.flow_problem(0 if markers is None else markers.frames, window.start_s, window.end_s)
-    problems = () if flow is None else (f"baseline: {flow}",)
+    problems = tuple(
+        f"baseline: {problem}"
+        for problem in (flow, _pressure_problem(recording, window))
+        if problem is not None
+    )
     if markers is None:
         return None, problems
     ids = [point.id for point in basis.points]
@@ -72,3 +76,15 @@ def _uninflated(
     except FrameRefused as refusal:
         return None, (*problems, f"baseline: {refusal}")
     return UninflatedSheet(frame, markers), problems
+
+
+def _pressure_problem(recording: Recording, window: Window) -> str | None:
+    """What to say where the sheet was under pressure."""
+    gauge_psi = recording.gauge_psi_between(window.start_s, window.end_s)
+    tolerance_psi = recording.basis.tolerance_psi
+    if not len(gauge_psi) or gauge_psi.max() <= tolerance_psi + EDGE_PSI:
+        return None
+    return (
+        f"the pressure was {gauge_psi.max():.3f} psi, above {tolerance_psi:g} psi: this is not the uninflated sheet; "
+        "tare the regulator, or look for a blocked exhaust"
+    )

@@ -17,7 +17,7 @@ from labctl.mocap.window import MarkerWindow, average
 from labctl.readings import MarkerFrames
 
 # A device tells its readings in hundredths: one that stands on the edge is inside.
-_EDGE_PSI = 1e-6
+EDGE_PSI = 1e-6
 
 Floats = NDArray[np.float64]
 
@@ -103,7 +103,7 @@ def _hold_problem(gauge_psi: Floats, pressure_psi: float, window: Window, tolera
     if not len(gauge_psi):
         return f"no pressure was read in the window's {window.end_s - window.start_s:.3g} s; look at the regulator"
     lowest_psi, highest_psi = float(gauge_psi.min()), float(gauge_psi.max())
-    if max(pressure_psi - lowest_psi, highest_psi - pressure_psi) <= tolerance_psi + _EDGE_PSI:
+    if max(pressure_psi - lowest_psi, highest_psi - pressure_psi) <= tolerance_psi + EDGE_PSI:
         return None
     return (
         f"the pressure left {pressure_psi:g} +- {tolerance_psi:g} psi while the markers were captured "

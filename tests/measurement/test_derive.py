@@ -125,7 +125,8 @@ def test_a_pressure_out_of_its_band_says_so_and_keeps_the_numbers(trial):
 
 @pytest.mark.parametrize("edge_psi", [3.8, 4.0])
 def test_a_reading_on_the_edge_of_the_band_is_inside(trial, edge_psi):
-    pressures = replace(trial.pressures, gauge_psi=np.full(len(trial.pressures), edge_psi))
+    held_psi = np.where(trial.pressures.time_s < 10, 0.1, edge_psi)
+    pressures = replace(trial.pressures, gauge_psi=held_psi)
     windows = trial.windows[:2]
     assert derive(*trial.but(pressures=pressures, windows=windows).parts).problems == ()
 
@@ -174,6 +175,33 @@ def test_a_server_clock_that_goes_back_places_no_frame(trial):
     assert problem.startswith(
         "the marker server's time goes from 5019.990000 s to 5013.000000 s at frame 2000"
     )
+
+
+def test_a_server_clock_that_is_set_ahead_places_no_frame(trial):
+    """The level would be filled with frames of the sheet on its way back, 3 s after the vent."""
+    time_s = trial.frames.time_s.copy()
+    time_s[made.TIME_S > 30] += 7.0
+    result = derive(*trial.but(frames=replace(trial.frames, time_s=time_s)).parts)
+    (problem,) = result.problems
+    assert problem.startswith("the marker server's time goes 7.0")
+    assert "from frame 3000 to frame 3001" in problem
+
+
+def test_frames_that_waited_or_were_not_sent_are_placed_all_the_same(trial):
+    waited = np.where((made.TIME_S > 7) & (made.TIME_S < 10), 10.01, trial.frames.arrival_s)
+    assert derive(*trial.but(frames=replace(trial.frames, arrival_s=waited)).parts).problems == ()
+    sent = (made.TIME_S < 7) | (made.TIME_S > 10)
+    frames = made.made_frames(made.TIME_S[sent], made.sheet_heights_mm(made.TIME_S[sent]))
+    assert derive(*trial.but(frames=frames).parts).problems == ()
+
+
+def test_a_sheet_under_pressure_is_no_baseline(trial):
+    under = replace(trial.pressures, gauge_psi=trial.pressures.gauge_psi + 0.11)
+    result = derive(*trial.but(pressures=under, windows=trial.windows[:1]).parts)
+    (problem,) = result.problems
+    assert problem.startswith("baseline: the pressure was 0.110 psi, above 0.1 psi")
+    swapped = (Window("baseline", 15.0, 16.0), Window("level", 16.0, 17.0, 3.9))
+    assert derive(*trial.but(windows=swapped).parts).problems[0].startswith("baseline: the pressure was 3.9")
 
 
 @pytest.mark.parametrize("count", [0, 2])
