@@ -55,10 +55,11 @@ def attempt(trial: Trial, number: int, at: Workplace) -> Attempt:
     windows: list[Window] = []
     performed = _perform(trial, at, recorder, windows)
     raw, error = _finish(recorder, performed.first_error or _trip(at.rig))
-    result = None
+    result = plain = None
     if windows and len(raw) == 2:
         try:
             result = _derive(at, trial, raw, windows)
+            plain = to_json(result)
         # What was recorded must reach the ledger, whatever its numbers do.
         except Exception as caught:
             error = error or caught
@@ -76,7 +77,7 @@ def attempt(trial: Trial, number: int, at: Workplace) -> Attempt:
         reason=reason,
         windows=tuple(asdict(window) for window in windows),
         raw=raw,
-        result=None if result is None else to_json(result),
+        result=plain,
         safe=_safe(at.rig),
     )
     at.ledger.add_trial(record)
