@@ -18,12 +18,15 @@ def write_event(ledger: LedgerWriter, run: int, kind: str, detail: dict[str, Any
 
 
 def begun_attempts(ledger: Ledger, run: int) -> tuple[tuple[int, int], ...]:
-    """The trial's number and the attempt's of every attempt that was begun."""
-    return tuple(
+    """The trial's number and the attempt's of every attempt that was begun, in the order begun."""
+    begun = [
         (int(event.detail["number"]), int(event.detail["attempt"]))
         for event in ledger.events(run)
         if event.kind == "trial-begun"
-    )
+    ]
+    # A damaged ledger may have lost the event and kept the trial.
+    recorded = [(trial.number, trial.attempt) for trial in ledger.trials(run)]
+    return tuple(dict.fromkeys([*begun, *recorded]))
 
 
 def unrecorded_attempts(ledger: Ledger, run: int) -> tuple[tuple[int, int], ...]:
