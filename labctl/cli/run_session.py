@@ -73,6 +73,7 @@ def _measure(
         trials = plan(prepared.protocol, prepared.request, prepared.design, config)
         if prepared.run is not None:
             preparation.require_same_rig(prepared.run, config)
+            preparation.require_same_plan(writer, prepared.run, trials)
             heights = prepared.run.simulated_heights
         else:
             line.show("simulating the patterns")

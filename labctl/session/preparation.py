@@ -81,6 +81,30 @@ def require_same_rig(run: RunRecord, config: RigConfig) -> None:
         )
 
 
+def require_same_plan(ledger: Ledger, run: RunRecord, trials: Sequence[Trial]) -> None:
+    """Refuse to go on with a run by a protocol that now plans other trials than were begun.
+
+    Raises:
+        BadInput: naming what differs.
+    """
+    planned = {trial.number: (trial.placement, trial.pattern, trial.pressures_psi) for trial in trials}
+    found = []
+    if len(trials) != run.planned_trials:
+        found.append(f"{run.planned_trials} trials were planned, and {len(trials)} are now")
+    for was in ledger.trials(run.number):
+        if planned.get(was.number) != (was.placement, was.pattern, was.pressures_psi):
+            pressures = ", ".join(f"{psi:g}" for psi in was.pressures_psi)
+            found.append(f"trial {was.number} was {was.placement} {was.pattern} at {pressures} psi")
+    simulated = {(level["pattern"], level["pressure_psi"]) for level in run.simulated_heights}
+    wanted = {(trial.pattern, psi) for trial in trials for psi in trial.pressures_psi}
+    found += [f"{pattern} at {psi:g} psi was not simulated" for pattern, psi in sorted(wanted - simulated)]
+    if found:
+        raise BadInput(
+            f"protocol {run.protocol} does not plan what run {run.number} was begun with: "
+            f"{'; '.join(dict.fromkeys(found))}. Go on with the version that began it, or begin a new run"
+        )
+
+
 def simulated_heights(design: Design, trials: Sequence[Trial], config: RigConfig) -> tuple[Json, ...]:
     """The simulator's heights of every pattern and pressure of a plan, as a run's record holds them.
 
@@ -178,6 +202,10 @@ def _differences(before: Mapping[str, Any], after: Mapping[str, Any], path: str)
         elif _plain(old) != _plain(new):
             found.append(f"{name} was {_brief(old)} and is {_brief(new)}")
     return sorted(found)
+
+
+def _trial_words(placement: str, pattern: str, pressures_psi: Sequence[float]) -> str:
+    return f"{placement} {pattern} at {', '.join(f'{psi:g}' for psi in pressures_psi)} psi"
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a configuration holds

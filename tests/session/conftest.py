@@ -69,6 +69,7 @@ class Laboratory:
         text = text.replace("[limits]\n", f'[limits]\nsettle = "1 s"\ncapture = "0.5 s"\n{limits}')
         self.config = rig_from_text(text + measurement, "rig.toml")
         self.operator = StopRequest()
+        self.design = DESIGN
         self.told = []
         self.notes = []
 

@@ -1,0 +1,99 @@
+"""A run goes on with what it was begun with, and no attempt takes another's number."""
+
+from dataclasses import replace
+
+import pytest
+
+from labctl.errors import BadInput, InstrumentError, LabError
+from labctl.ledger.ledger import Ledger
+from labctl.ledger.moment import now
+from labctl.ledger.records import TrialRecord
+from labctl.ledger.writer import LedgerWriter
+from labctl.session import attempt as attempts
+from labctl.session.engine import last_attempt
+from labctl.session.events import unrecorded_attempts, write_event
+from labctl.session.preparation import require_same_plan
+from labctl.session.request import plan
+
+
+def failed(run, number, attempt):
+    moment = now()
+    begun = (run, number, attempt, "combined", "rod", (1.5,), moment, moment)
+    return TrialRecord(*begun, "failed", "made up", (), {}, None, {"safe": True, "words": "SAFE"})
+
+
+@pytest.fixture
+def begun(laboratory):
+    """A laboratory whose first run ended in its first trial, its ledger open, and the run."""
+    lab = laboratory()
+
+    def fail(_bench):
+        raise InstrumentError("made up")
+
+    def at_once(trials):
+        step = replace(trials[0].checklist.setup[0], do=fail)
+        return (
+            replace(trials[0], checklist=replace(trials[0].checklist, setup=(step,), main=())),
+            *trials[1:],
+        )
+
+    with pytest.raises(LabError, match="made up"):
+        lab.run(lab.prepared(attempts=1), change=at_once)
+    with LedgerWriter.open(lab.folder, lambda _: None) as ledger:
+        yield lab, ledger, ledger.run(1)
+
+
+def planned(lab, **asked):
+    prepared = lab.prepared(**asked)
+    return plan(prepared.protocol, prepared.request, lab.design, lab.config)
+
+
+def test_the_same_plan_goes_on(begun):
+    lab, ledger, run = begun
+    require_same_plan(ledger, run, planned(lab))
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"trials": 3}, "2 trials were planned, and 3 are now"),
+        ({"placement": "neat sphere"}, "trial 1 was neat rod at 1.5 psi"),
+        ({"pressures_psi": (1.4,)}, "trial 1 was neat rod at 1.5 psi; rod at 1.4 psi was not simulated"),
+    ],
+)
+def test_a_protocol_that_plans_otherwise_by_now_does_not_go_on(begun, asked, words):
+    lab, ledger, run = begun
+    with pytest.raises(BadInput, match=words):
+        require_same_plan(ledger, run, planned(lab, **asked))
+
+
+def test_an_attempt_that_left_nothing_but_its_beginning_is_counted(begun):
+    _, ledger, run = begun
+    write_event(ledger, run.number, "trial-begun", {"number": 1, "attempt": 2})
+    assert last_attempt(ledger, run.number, 1) == 2
+    assert last_attempt(ledger, run.number, 2) == 0
+    assert unrecorded_attempts(ledger, run.number) == ((1, 2),)
+
+
+def test_an_attempt_whose_beginning_is_lost_is_counted(begun):
+    _, ledger, run = begun
+    ledger.add_trial(failed(run.number, 2, 1))
+    assert last_attempt(ledger, run.number, 2) == 1
+
+
+def test_a_number_that_the_ledger_does_not_hold_loses_no_trial(laboratory, monkeypatch):
+    """Whatever the numbers of a recording do, its files and its outcome reach the ledger."""
+    lab = laboratory()
+    derive = attempts.derive
+
+    def endless(*parts):
+        return replace(derive(*parts), frame_residual_mm=float("inf"))
+
+    monkeypatch.setattr(attempts, "derive", endless)
+    with pytest.raises(ValueError, match="inf has no place"):
+        lab.run(lab.prepared(trials=1))
+
+    with Ledger.open(lab.folder, lambda _: None) as ledger:
+        (trial,) = ledger.trials(1)
+    assert trial.outcome == "failed"
+    assert set(trial.raw) == {"frames", "pressures"}
