@@ -12,6 +12,7 @@ from labctl.cli.outcome import Outcome
 from labctl.cli.output import ProgressLine
 from labctl.cli.rigs import chosen_rig, reporting, rig_to_be
 from labctl.cli.run_words import RunTeller, default_operator, tell_result
+from labctl.clock import WallClock
 from labctl.errors import BadInput
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.records import Json, RunRecord
@@ -19,10 +20,10 @@ from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session import preparation
 from labctl.session.engine import conduct
+from labctl.session.inbox import Inbox
 from labctl.session.preparation import Prepared
 from labctl.session.request import plan
 from labctl.session.run_stop import RunStop
-from labctl.stop import StopRequest
 from sim.warm import compile_kernels
 
 
@@ -65,7 +66,7 @@ def _measure(
     design_name: str,
     how: How,
     writer: LedgerWriter,
-    stop: StopRequest,
+    stop: RunStop,
     line: ProgressLine,
 ) -> None:
     compile_kernels(line.note)
@@ -86,11 +87,10 @@ def _measure(
             return record
 
         line.show("opening the rig")
-        run_stop = RunStop(stop)
-        opened = reporting(Rig(config, stop=run_stop, tell=line.note))
+        opened = reporting(Rig(config, stop=stop, tell=line.note))
         try:
             record, summary = conduct(
-                opened, register, trials, prepared.request.attempts, writer, run_stop, teller.listener()
+                opened, register, trials, prepared.request.attempts, writer, stop, teller.listener()
             )
         finally:
             teller.finish()
@@ -116,9 +116,12 @@ def _register(
 
 
 @contextmanager
-def _opened(how: How) -> Iterator[tuple[LedgerWriter, StopRequest, ProgressLine]]:
-    """The ledger with its lock held, the operator's stop and the progress line: before any instrument is asked."""
+def _opened(how: How) -> Iterator[tuple[LedgerWriter, RunStop, ProgressLine]]:
+    """The ledger with its lock held, the run's stop and the progress line: before any instrument is asked."""
     with ExitStack() as opened:
-        stop = opened.enter_context(stop_on_signals())
+        stop = RunStop(opened.enter_context(stop_on_signals()))
         line = opened.enter_context(ProgressLine(quiet=how.as_json))
-        yield opened.enter_context(LedgerWriter.open(how.ledger_folder, line.note)), stop, line
+        writer = opened.enter_context(LedgerWriter.open(how.ledger_folder, line.note))
+        # Whoever sees the lock held may leave a word, however long it takes until the rig is open.
+        stop.listen_to(Inbox(writer.folder, WallClock()))
+        yield writer, stop, line

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
-from labctl.clock import WallClock
 from labctl.errors import LabError, Stopped, Tripped, Unsafe
 from labctl.ledger.records import RunRecord, TrialRecord
 from labctl.ledger.writer import LedgerWriter
@@ -15,7 +14,6 @@ from labctl.rig import Rig
 from labctl.session.attempt import Attempt, Workplace, attempt
 from labctl.session.contract import Trial
 from labctl.session.events import begun_attempts, write_event
-from labctl.session.inbox import Inbox
 from labctl.session.run_stop import RunStop
 from labctl.statistics.summary import RunSummary, summarise, summary_to_json
 
@@ -63,10 +61,8 @@ def conduct(
     try:
         with opened as rig:
             run = register(rig)
-            inbox = Inbox(ledger.folder, WallClock())
-            stop.listen_to(inbox)
             at = Workplace(rig, run, ledger, stop, listener.show)
-            _run_trials(trials, attempts, at, inbox, listener)
+            _run_trials(trials, attempts, at, listener)
     except BaseException as error:
         if run is not None:
             kind = "failed" if isinstance(error, RunFailed) else "interrupted"
@@ -85,9 +81,7 @@ def _note_the_end(ledger: LedgerWriter, run: RunRecord, kind: str, reason: str, 
         listener.note(f"the ledger does not know how run {run.number} ended: {error}")
 
 
-def _run_trials(
-    trials: Sequence[Trial], attempts: int, at: Workplace, inbox: Inbox, listener: Listener
-) -> None:
+def _run_trials(trials: Sequence[Trial], attempts: int, at: Workplace, listener: Listener) -> None:
     report = at.rig.make_safe()
     if not report.safe:
         raise Unsafe(f"{at.rig.config.name}: {report.describe()}")
@@ -97,13 +91,11 @@ def _run_trials(
     for trial in trials:
         if trial.number in done:
             continue
-        _pause_if_asked(at, inbox, listener)
+        _pause_if_asked(at, listener)
         if trial.sheet and trial.sheet != mounted:
             listener.mount(trial.sheet, at.rig)
             mounted = trial.sheet
-        _until_good(
-            trial, last_attempt(at.ledger, at.run.number, trial.number), attempts, at, inbox, listener
-        )
+        _until_good(trial, last_attempt(at.ledger, at.run.number, trial.number), attempts, at, listener)
 
 
 def last_attempt(ledger: LedgerWriter, run: int, trial: int) -> int:
@@ -111,11 +103,9 @@ def last_attempt(ledger: LedgerWriter, run: int, trial: int) -> int:
     return max((attempt for number, attempt in begun_attempts(ledger, run) if number == trial), default=0)
 
 
-def _until_good(
-    trial: Trial, tried: int, attempts: int, at: Workplace, inbox: Inbox, listener: Listener
-) -> None:
+def _until_good(trial: Trial, tried: int, attempts: int, at: Workplace, listener: Listener) -> None:
     for number in range(tried + 1, tried + attempts + 1):
-        _pause_if_asked(at, inbox, listener)
+        _pause_if_asked(at, listener)
         made = attempt(trial, number, at)
         listener.committed(made.record)
         _require_that_it_may_go_on(made, at)
@@ -140,12 +130,12 @@ def _require_that_it_may_go_on(made: Attempt, at: Workplace) -> None:
         raise Unsafe(f"{at.rig.config.name}: {made.record.safe['words']}")
 
 
-def _pause_if_asked(at: Workplace, inbox: Inbox, listener: Listener) -> None:
-    if not inbox.pause_asked():
+def _pause_if_asked(at: Workplace, listener: Listener) -> None:
+    if not at.stop.pause_asked:
         return
     write_event(at.ledger, at.run.number, "paused", {})
     listener.note("paused, the rig SAFE: labctl resume goes on, labctl abort or Ctrl-C ends the run")
-    while inbox.pause_asked():
+    while at.stop.pause_asked:
         at.rig.wait(_PAUSE_LOOK_S * at.rig.config.speed)
     at.rig.check()
     write_event(at.ledger, at.run.number, "resumed", {})

@@ -28,8 +28,13 @@ class RunStop(StopRequest):
         self._tearing_down = False
 
     def listen_to(self, inbox: Inbox) -> None:
-        """From now on `labctl abort` from another terminal is a stop too."""
+        """From now on `labctl abort` from another terminal is a stop too, and `labctl pause` a wish to wait."""
         self._inbox = inbox
+
+    @property
+    def pause_asked(self) -> bool:
+        """Whether the run is to wait before its next trial."""
+        return self._inbox is not None and self._inbox.pause_asked()
 
     def set(self, cause: str) -> None:
         """Ask for a stop; the first cause is the one that is told."""

@@ -200,6 +200,16 @@ def test_a_run_pauses_goes_on_and_is_aborted_from_another_terminal(start, labctl
     assert labctl("pause", *ledger).code == 2
 
 
+def test_an_abort_is_heard_before_the_rig_is_open(start, labctl, fast, tmp_path):
+    ledger = ("--ledger", tmp_path / "ledger")
+    running = start("run", "five-trial", "--pattern", "sphere", "--rig", fast.rig, *ledger)
+    running.wait_for("simulating the patterns")
+    assert labctl("abort", *ledger).code == 0
+    assert running.end().code == 130
+    running.read_rest()
+    assert "stopped by labctl abort" in running.err
+
+
 def test_a_trial_that_is_not_good_is_tried_again_and_then_ends_the_run(labctl, doubles_with, tmp_path):
     ledger = tmp_path / "ledger"
     with doubles_with("--speed", "20", "--fault", "markers=blind@1psi") as served:

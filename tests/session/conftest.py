@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from labctl.clock import WallClock
 from labctl.config.design import Design, Fiber, SheetSpec
 from labctl.config.load import rig_from_text
 from labctl.doubles.faults import parse_faults
@@ -13,6 +14,7 @@ from labctl.doubles.sheet import Ladder, Relaxation
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session.engine import Listener, conduct
+from labctl.session.inbox import Inbox
 from labctl.session.preparation import Prepared, begin, go_on
 from labctl.session.request import Asked, complete, plan
 from labctl.session.run_stop import RunStop
@@ -86,6 +88,7 @@ class Laboratory:
         stop = RunStop(operator)
         listener = Listener(self.told.append, lambda *_: None, self.notes.append, lambda *_: None)
         with LedgerWriter.open(self.folder, self.notes.append) as ledger:
+            stop.listen_to(Inbox(self.folder, WallClock()))
 
             def register(rig):
                 if run is not None:
