@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from labctl.clock import Clock
-from labctl.errors import LabError
+from labctl.errors import BadInput, LabError
 from labctl.whole_file import whole_file
 
 Word = Literal["pause", "resume", "abort"]
@@ -19,17 +19,21 @@ _LOOK_S = 0.2
 
 
 def ask(folder: Path, word: Word) -> None:
-    """Leave a word for the run that writes to this ledger.
+    """Leave a word for the run that writes to this ledger, in place of the word before, unless that ends it.
 
     Raises:
-        BadInput: the folder cannot be written to.
+        BadInput: the run was asked to end before, or the folder cannot be written to.
     """
+    if word != "abort" and _read(folder / _FILE) == "abort":
+        raise BadInput(f"{folder}: the run was asked to end before, and ends; labctl runs shows how")
     with whole_file(folder / _FILE) as path:
         path.write_text(json.dumps({"word": word}), encoding="utf-8")
 
 
 class Inbox:
-    """The run's end: looks at the file, at most five times a second.
+    """The run's end: looks at the file, at most five times a second. What an earlier run was told is forgotten.
+
+    Open it as soon as the ledger is open to write, which is from when on a word may be left.
 
     Args:
         folder: the ledger's.
@@ -41,7 +45,6 @@ class Inbox:
         self._clock = clock
         self._looked_s = -1e9
         self._word: Word | None = None
-        # What an earlier run was told is not for this one.
         self.clear()
 
     def clear(self) -> None:
@@ -64,12 +67,13 @@ class Inbox:
         now_s = self._clock.now_s()
         if now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s
-            self._word = self._read()
+            self._word = _read(self._path)
         return self._word
 
-    def _read(self) -> Word | None:
-        try:
-            word: Word = json.loads(self._path.read_text(encoding="utf-8"))["word"]
-        except (OSError, ValueError, KeyError, TypeError):
-            return None
-        return word
+
+def _read(path: Path) -> Word | None:
+    try:
+        word: Word = json.loads(path.read_text(encoding="utf-8"))["word"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return word

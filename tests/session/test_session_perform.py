@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from labctl.errors import Stopped
+from labctl.errors import BadInput, Stopped
 from labctl.session.contract import Bench, Checklist, Step
 from labctl.session.inbox import Inbox, ask
 from labctl.session.perform import perform
@@ -148,6 +148,18 @@ def test_a_pause_lasts_until_the_word_changes(lab, tmp_path):
         ask(tmp_path, word)
         lab.clock.sleep(0.3)
         assert inbox.pause_asked() is paused
+
+
+@pytest.mark.parametrize("word", ["pause", "resume"])
+def test_no_word_takes_the_place_of_an_abort(lab, tmp_path, word):
+    """A run that is putting a trial away does not look for seconds."""
+    inbox = Inbox(tmp_path, lab.clock)
+    ask(tmp_path, "abort")
+    with pytest.raises(BadInput, match="asked to end"):
+        ask(tmp_path, word)
+    assert inbox.abort_asked()
+    inbox.clear()
+    ask(tmp_path, word)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"word": 3}', "\x00"])
