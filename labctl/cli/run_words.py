@@ -3,6 +3,7 @@
 import getpass
 import select
 import sys
+import termios
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -75,6 +76,8 @@ class RunTeller:
         if self._config.simulated:
             self._line.note(f"{sheet}: the simulated sheet is the same in either order")
             return
+        # An Enter from before the question answers nothing.
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
         self._line.note(f"lay {sheet} on the rig, which is SAFE, then press Enter")
         while not select.select([sys.stdin], [], [], 0)[0]:
             rig.wait(_LOOK_S)

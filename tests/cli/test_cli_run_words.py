@@ -48,6 +48,15 @@ def test_a_sheet_is_waited_for_until_enter(terminal):
     assert rig.waited == 2
 
 
+def test_an_enter_from_before_the_question_is_no_sheet(terminal):
+    os.write(terminal, b"\n")
+    rig = RigInHand(lambda: None, lambda: os.write(terminal, b"\n"))
+
+    teller().listener().mount(SHEETS[0].sheet, rig)
+
+    assert rig.waited == 2
+
+
 def test_a_stop_ends_the_waiting(terminal):
     def stop():
         raise Stopped("stopped by Ctrl-C")
