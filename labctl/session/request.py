@@ -56,12 +56,17 @@ def plan(protocol: Protocol, request: Request, design: Design, rig: RigConfig) -
     """The trials, each step checked against the rig's limits and valves.
 
     Raises:
-        BadInput: a pressure that this rig must not go to, a fiber without a valve, no trial at all.
+        BadInput: a pressure that this rig must not go to, a fiber without a valve, no trial at all, or not
+            numbered from 1.
     """
     check_fit(design, rig)
     trials = protocol.plan(request, design, rig)
     if not 0 < len(trials) <= MOST_TRIALS:
         raise BadInput(f"{protocol.name}: a plan of {len(trials)} trials; 1 to {MOST_TRIALS} can be run")
+    if [trial.number for trial in trials] != list(range(1, len(trials) + 1)):
+        raise BadInput(
+            f"{protocol.name}: its plan does not number its {len(trials)} trials from 1 on, in order"
+        )
     for trial in trials:
         for step in trial.checklist.steps:
             if step.pressure_psi is not None:

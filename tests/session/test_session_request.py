@@ -1,5 +1,7 @@
 """From what was asked for to a plan; every mistake is refused before anything moves."""
 
+from dataclasses import replace
+
 import pytest
 
 from labctl.config.load import load_design, rig_from_text
@@ -129,3 +131,17 @@ def test_a_fiber_without_a_valve_is_refused():
     assert max(design.channels("sphere")) <= 8
     with pytest.raises(BadInput, match="dump valve"):
         planned("five-trial", Asked(("sphere",)), **{"channels = 32": "channels = 32\ndump_channel = 2"})
+
+
+@pytest.mark.parametrize("numbers", [(0, 1), (1, 1), (2, 1), (2, 3)])
+def test_a_plan_that_does_not_count_its_trials_is_refused(numbers):
+    """Of two trials of one number one would not count, and number 0 has no place in the ledger."""
+    protocol = find_protocol("five-trial")
+
+    def misnumbered(request, design, config):
+        trials = protocol.plan(request, design, config)
+        return tuple(replace(trial, number=number) for trial, number in zip(trials, numbers, strict=True))
+
+    request = complete(protocol, Asked(("sphere",), trials=2), DESIGN)
+    with pytest.raises(BadInput, match="does not number its 2 trials from 1"):
+        plan(replace(protocol, plan=misnumbered), request, DESIGN, rig())
