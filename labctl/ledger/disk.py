@@ -12,8 +12,9 @@ from labctl.errors import BadInput, LabError
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _FORBIDDEN = {errno.EROFS, errno.EACCES, errno.EPERM}
-# The file may be in order: it cannot be reached, or not now.
+# The file may be in order: it cannot be reached, not now, or it refuses what it was given.
 _SQLITE_OUT_OF_REACH = {
+    sqlite3.SQLITE_CONSTRAINT,
     sqlite3.SQLITE_PERM,
     sqlite3.SQLITE_BUSY,
     sqlite3.SQLITE_LOCKED,

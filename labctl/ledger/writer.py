@@ -21,6 +21,8 @@ from labctl.ledger.recovery import recover
 from labctl.ledger.rows import Row, row_of
 from labctl.ledger.tables import SQLITE, connect, insert
 
+_LARGEST = 1_000_000
+
 
 class LedgerWriter(Ledger):
     """The one writer of a ledger, and a reader of what it has written; open it with `with`.
@@ -98,9 +100,14 @@ class LedgerWriter(Ledger):
         """Commit an attempt at a trial.
 
         Raises:
-            LabError: there is no such run, this attempt is there already, or it could not be
-                committed; it is not there.
+            LabError: there is no such run, this attempt is there already or is no number from 1 on, or it could not
+                be committed; it is not there.
         """
+        if not (0 < trial.number <= _LARGEST and 0 < trial.attempt <= _LARGEST):
+            raise LabError(
+                f"ledger {self.folder}: trial {trial.number}, attempt {trial.attempt}: both count from 1; correct "
+                "the protocol's plan"
+            )
         with self._guard:
             self.run(trial.run)
             same = (trial.run, trial.number, trial.attempt)

@@ -104,6 +104,22 @@ def test_an_attempt_is_recorded_once_and_for_a_run_that_is_there(tmp_path):
         assert [(each.number, each.attempt) for each in ledger.trials(run.number)] == [(1, 1), (1, 2)]
 
 
+def test_a_row_that_sqlite_does_not_take_is_taken_back(tmp_path, monkeypatch):
+    """It is no damage, and left in the journal it would keep the ledger from ever being opened again."""
+    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+        run = ledger.begin_run(a_run())
+        for number, attempt in ((0, 1), (1, 0), (-1, 1), (1 << 70, 1)):
+            with pytest.raises(LabError, match="both count from 1"):
+                ledger.add_trial(a_trial(run.number, number, attempt))
+        monkeypatch.setattr("labctl.ledger.writer.LedgerWriter.run", lambda *_: None)
+        with pytest.raises(LabError, match="FOREIGN KEY"):
+            ledger.add_event(an_event(run.number + 1))
+        ledger.add_event(an_event(run.number))
+    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+        assert len(ledger.events(run.number)) == 1
+        assert ledger.trials(run.number) == ()
+
+
 @pytest.mark.parametrize(
     "statement",
     [
