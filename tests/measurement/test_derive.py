@@ -21,6 +21,16 @@ def test_the_heights_of_a_level_are_above_the_uninflated_sheet(trial):
     assert result.frame_residual_mm < 0.02
 
 
+def test_a_sheet_that_is_uneven_at_rest_is_measured_from_there(trial):
+    uneven_mm = np.where(np.arange(16) % 2, 0.8, -0.8)
+    frames = made.made_frames(made.TIME_S, made.sheet_heights_mm(made.TIME_S) + uneven_mm)
+    # Those that lie low are hidden on the way back, so that the mean is not 0 at rest.
+    frames = made.hide(frames, range(0, 16, 2), made.TIME_S > 17)
+    result = derive(*trial.but(frames=frames).parts)
+    np.testing.assert_allclose(result.levels[0].heights_mm, made.SHAPE_MM, atol=0.1)
+    assert result.relaxation.height_mm[-1] == pytest.approx(0, abs=0.05)
+
+
 def test_the_standard_deviation_is_that_of_the_heights_over_the_frames(trial):
     # The sheet lies askew in the instrument's frame; what moves only up and down there moves along three axes here.
     shaken_mm = np.random.default_rng(6).normal(0, 0.2, (len(made.TIME_S), 16))
@@ -89,6 +99,7 @@ def test_a_marker_seen_in_too_small_a_share_of_the_frames_is_missing(trial):
     generous = replace(trial.basis, min_share=0.3)
     (level,) = derive(*trial.but(frames=frames, basis=generous).parts).levels
     assert level.heights_mm[5] == pytest.approx(made.SHAPE_MM[5], abs=0.05)
+    assert level.height_sd_mm[5] == pytest.approx(0.05, rel=0.5)
 
 
 def test_a_level_with_too_few_markers_says_so(trial):
