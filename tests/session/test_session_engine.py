@@ -1,0 +1,94 @@
+"""A run from its first trial to its end: finished, gone on with, paused, and never finished before SAFE."""
+
+from dataclasses import replace
+
+import pytest
+
+from labctl.errors import InstrumentError, Unsafe
+from labctl.ledger.ledger import Ledger
+from labctl.rig import Rig
+from labctl.session.engine import RunFailed
+from labctl.session.inbox import ask
+
+
+def kept(lab):
+    """What the ledger holds of run 1: each attempt's number, count and outcome; the kinds of its events."""
+    with Ledger.open(lab.folder, lambda _: None) as ledger:
+        trials = [(trial.number, trial.attempt, trial.outcome) for trial in ledger.trials(1)]
+        return trials, [event.kind for event in ledger.events(1)]
+
+
+def at_first_step(trials, number, deed):
+    """The plan with `deed` done before the first step of the trial of this number."""
+
+    def changed(trial):
+        first, *others = trial.checklist.setup
+        step = replace(first, do=lambda bench: (deed(), first.do(bench)))
+        return replace(trial, checklist=replace(trial.checklist, setup=(step, *others)))
+
+    return tuple(changed(trial) if trial.number == number else trial for trial in trials)
+
+
+def fail():
+    raise InstrumentError("made up")
+
+
+def test_a_run_whose_trials_are_good_is_finished(laboratory):
+    lab = laboratory()
+
+    _, summary = lab.run(change=lambda trials: at_first_step(trials, 1, lab.assert_safe))
+
+    assert kept(lab) == ([(1, 1, "good"), (2, 1, "good")], ["trial-begun", "trial-begun", "finished"])
+    (group,) = summary.groups
+    assert group.trials == 2
+    # The doubles' bowl is the simulated one, of another size.
+    assert group.e_t_mean_percent < 5
+    lab.assert_safe()
+
+
+def test_a_run_goes_on_with_what_is_not_good_yet(laboratory):
+    lab = laboratory()
+    with pytest.raises(RunFailed, match="trial 2 was not good in 1 attempts"):
+        lab.run(lab.prepared(attempts=1), change=lambda trials: at_first_step(trials, 2, fail))
+    with Ledger.open(lab.folder, lambda _: None) as ledger:
+        run = ledger.run(1)
+
+    _, summary = lab.run(run=run)
+
+    trials, kinds = kept(lab)
+    assert trials == [(1, 1, "good"), (2, 1, "failed"), (2, 2, "good")]
+    assert kinds[2:] == ["failed", "continued", "trial-begun", "finished"]
+    assert summary.groups[0].trials == 2
+
+
+def test_a_run_pauses_between_two_trials_with_the_rig_safe(laboratory):
+    lab = laboratory()
+
+    class Notes(list):
+        def append(self, text):
+            super().append(text)
+            if text.startswith("paused"):
+                lab.assert_safe()
+                ask(lab.folder, "resume")
+
+    lab.notes = Notes()
+    lab.run(change=lambda trials: at_first_step(trials, 1, lambda: ask(lab.folder, "pause")))
+
+    trials, kinds = kept(lab)
+    assert [outcome for _, _, outcome in trials] == ["good", "good"]
+    assert kinds == ["trial-begun", "paused", "resumed", "trial-begun", "finished"]
+
+
+def test_a_run_is_not_finished_before_its_rig_is_closed_safe(laboratory, monkeypatch):
+    lab = laboratory()
+    leave = Rig.__exit__
+
+    def unsafe(rig, *error):
+        leave(rig, *error)
+        raise Unsafe("the exhaust reads closed")
+
+    monkeypatch.setattr(Rig, "__exit__", unsafe)
+    with pytest.raises(Unsafe, match="reads closed"):
+        lab.run(lab.prepared(trials=1))
+
+    assert kept(lab) == ([(1, 1, "good")], ["trial-begun", "interrupted"])
