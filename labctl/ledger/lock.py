@@ -20,7 +20,9 @@ LOCK = "ledger.lock"
 _PATIENCE_S = 1.0
 _LOOK_S = 0.02
 _LENGTH = 2048
-_LONGEST_COMMAND = 200
+_MOST_SHOWN = 200
+# Bytes of JSON, which writes an emoji in twelve: with all else it must fit into _LENGTH.
+_LONGEST_COMMAND = 1000
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,7 @@ def last_seq_of(folder: Path) -> int:
 
 def _read(descriptor: int) -> Holder:
     try:
-        return Holder(**json.loads(os.pread(descriptor, 65536, 0)))
+        return Holder(**json.loads(os.pread(descriptor, _LENGTH, 0)))
     except (OSError, ValueError, TypeError):
         # Its writer has just begun.
         return Holder(0, "?", "?", "just now", 0, 0)
@@ -151,4 +153,8 @@ def _read(descriptor: int) -> Holder:
 
 def _command() -> str:
     words = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
-    return words if len(words) <= _LONGEST_COMMAND else words[:_LONGEST_COMMAND] + " ..."
+    if len(words) > _MOST_SHOWN:
+        words = f"{words[:_MOST_SHOWN]} ..."
+    while len(json.dumps(words)) > _LONGEST_COMMAND:
+        words = f"{words[: len(words) // 2]} ..."
+    return words

@@ -7,7 +7,7 @@ import pytest
 from made_ledger import a_run, not_a_word
 
 from labctl.errors import BadInput
-from labctl.ledger.lock import holder_of
+from labctl.ledger.lock import holder_of, last_seq_of
 from labctl.ledger.writer import LedgerWriter
 
 HOLDER = """
@@ -42,6 +42,24 @@ def test_a_second_writer_is_told_who_writes(tmp_path, other):
     assert f"-c {tmp_path}" in str(refused.value)
     assert "name another folder with --ledger" in str(refused.value)
     assert holder_of(tmp_path).pid == other.pid
+
+
+def test_a_long_command_in_any_letters_leaves_the_lock_readable(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["labctl", "run", "five-trial", "--note", "\U0001f600" * 300])
+    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+        ledger.begin_run(a_run())
+        assert holder_of(tmp_path).pid == os.getpid()
+        assert "--note" in holder_of(tmp_path).command
+    monkeypatch.setattr(sys, "argv", ["labctl"])
+    assert last_seq_of(tmp_path) == 1
+    with LedgerWriter.open(tmp_path, not_a_word):
+        assert holder_of(tmp_path).command == "labctl"
+
+
+def test_what_a_longer_lock_leaves_behind_is_not_read(tmp_path):
+    (tmp_path / "ledger.lock").write_bytes(b"x" * 3000)
+    with LedgerWriter.open(tmp_path, not_a_word):
+        assert holder_of(tmp_path).pid == os.getpid()
 
 
 def test_the_lock_of_a_dead_process_does_not_count(tmp_path, other):
