@@ -8,12 +8,12 @@ from typing import Literal
 
 import pandas as pd
 
-from labctl.errors import LabError
 from labctl.export.c3d_file import write_c3d
 from labctl.export.motion import motion_of
 from labctl.export.run_tables import meaning, run_tables
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.raw import read_frames, read_pressures
+from labctl.ledger.raw_check import as_recorded
 from labctl.ledger.records import RunRecord, TrialRecord
 from labctl.measurement.codec import basis_of, window_from_json
 from labctl.measurement.recording import lay_out
@@ -38,7 +38,7 @@ def export_run(ledger: Ledger, run: RunRecord, kind: Format, folder: Path) -> Ex
 
     Raises:
         BadInput: something is there already, or it cannot be written.
-        LabError: a raw file is missing or damaged.
+        LabError: a raw file is missing, or is not what was recorded.
     """
     write = {"csv": _write_csv, "parquet": _write_parquet, "c3d": _write_motion}[kind]
     with whole_folder(folder) as unfinished:
@@ -63,7 +63,7 @@ def _write_parquet(ledger: Ledger, run: RunRecord, folder: Path) -> list[str]:
         for file in trial.raw.values():
             target = folder / "raw" / Path(file.path).name
             target.parent.mkdir(exist_ok=True)
-            _copy(ledger.folder / file.path, target)
+            shutil.copyfile(as_recorded(ledger.folder, file), target)
     _write_readme(folder, run, {f"{name}.parquet": table for name, table in tables.items()})
     return []
 
@@ -75,7 +75,7 @@ def _write_motion(ledger: Ledger, run: RunRecord, folder: Path) -> list[str]:
         if not {"frames", "pressures"} <= trial.raw.keys():
             left_out.append(f"{name}: nothing was recorded")
             continue
-        frames = read_frames(ledger.folder / trial.raw["frames"].path)
+        frames = read_frames(as_recorded(ledger.folder, trial.raw["frames"]))
         recording = lay_out(frames, _read_pressures(ledger)(trial), basis_of(run, trial.pattern))
         if isinstance(recording, str):
             left_out.append(f"{name}: {recording}")
@@ -92,16 +92,7 @@ def _tables(ledger: Ledger, run: RunRecord) -> dict[str, pd.DataFrame]:
 
 
 def _read_pressures(ledger: Ledger) -> Callable[[TrialRecord], PressureSamples]:
-    return lambda trial: read_pressures(ledger.folder / trial.raw["pressures"].path)
-
-
-def _copy(source: Path, target: Path) -> None:
-    try:
-        shutil.copyfile(source, target)
-    except FileNotFoundError as error:
-        raise LabError(
-            f"{source}: the ledger names this raw file, and it is not there; put it back, or export as csv"
-        ) from error
+    return lambda trial: read_pressures(as_recorded(ledger.folder, trial.raw["pressures"]))
 
 
 def _said(run: RunRecord, trial: TrialRecord) -> dict[str, str]:

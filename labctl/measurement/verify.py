@@ -1,6 +1,5 @@
 """Are a run's raw files as recorded, and do they give the recorded numbers again, to the last bit?"""
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,13 +7,13 @@ from pathlib import Path
 from labctl.errors import LabError
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.raw import read_frames, read_pressures
-from labctl.ledger.records import EventRecord, RawFile, RunRecord, TrialRecord
+from labctl.ledger.raw_check import file_problem
+from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
 from labctl.measurement.codec import basis_of, to_json, window_from_json
 from labctl.measurement.derive import derive
 from labctl.measurement.differences import Difference, differences
 from labctl.statistics.summary import summarise, summary_to_json
 
-_BLOCK = 1 << 20
 # What a recording must have for its numbers to be derived.
 _STREAMS = ("frames", "pressures")
 
@@ -71,7 +70,7 @@ def verify_run(ledger: Ledger, run: RunRecord) -> Verification:
 
 def verify_trial(folder: Path, run: RunRecord, trial: TrialRecord) -> TrialVerification:
     """Look at one attempt's raw files, which are in the ledger's folder, and recompute its numbers from them."""
-    problems = [words for file in trial.raw.values() if (words := _file_problem(folder, file)) is not None]
+    problems = [words for file in trial.raw.values() if (words := file_problem(folder, file)) is not None]
     found: tuple[Difference, ...] = ()
     recomputed = False
     if not problems and trial.result is not None and all(stream in trial.raw for stream in _STREAMS):
@@ -109,25 +108,6 @@ def _good_problems(trial: TrialRecord, recomputed: bool) -> list[str]:
         return ["recorded as good, and there is no recording or no result to recompute"]
     problems = () if trial.result is None else trial.result["problems"]
     return [f"recorded as good, although: {problem}" for problem in problems]
-
-
-def _file_problem(folder: Path, file: RawFile) -> str | None:
-    path = folder / file.path
-    try:
-        size_bytes = path.stat().st_size
-        with path.open("rb") as opened:
-            digest = hashlib.sha256()
-            while block := opened.read(_BLOCK):
-                digest.update(block)
-    except FileNotFoundError:
-        return f"{file.path}: the file is gone; bring it back from a copy"
-    except OSError as error:
-        return f"{file.path}: cannot be read ({error.strerror or error})"
-    if size_bytes != file.size_bytes:
-        return f"{file.path}: changed: {size_bytes} bytes, and {file.size_bytes} were recorded"
-    if digest.hexdigest() != file.sha256:
-        return f"{file.path}: changed: SHA-256 {digest.hexdigest()}, and {file.sha256} was recorded"
-    return None
 
 
 def _verify_summary(

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.raw import read_pressures
+from labctl.ledger.raw_check import as_recorded
 from labctl.ledger.records import TrialRecord
 from labctl.readings import PressureSamples
 from labctl.report.run_view import RunView, run_view
@@ -20,7 +21,7 @@ def read_views(folder: Path, names: Sequence[str], tell: Callable[[str], None]) 
         runs = {run.number: run for run in map(ledger.find, names)}
 
         def read(trial: TrialRecord) -> PressureSamples:
-            return read_pressures(ledger.folder / trial.raw["pressures"].path)
+            return read_pressures(as_recorded(ledger.folder, trial.raw["pressures"]))
 
         return [
             run_view(

@@ -115,3 +115,21 @@ def test_a_raw_file_that_is_gone_is_named_and_nothing_is_left(kind, tmp_path, ca
     assert labctl(arguments) == 1
     assert "trial-01-1." in capsys.readouterr().err
     assert [entry.name for entry in tmp_path.iterdir()] == ["ledger"]
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "c3d"])
+@pytest.mark.parametrize("stream", ["frames", "pressures"])
+def test_another_trials_raw_file_is_not_handed_on_as_this_ones(kind, stream, tmp_path, capsys):
+    run = made.run()
+    folder = made.ledger(tmp_path / "ledger", (run, [made.trial(run), made.trial(run, 2)]))
+    one, other = (folder / f"raw/0001-five-trial/trial-0{n}-1.{stream}.parquet" for n in (1, 2))
+    one.write_bytes(other.read_bytes())
+
+    arguments = ["export", "1", "--format", kind, "--ledger", str(folder), "--out", str(tmp_path / "out")]
+    if (kind, stream) == ("csv", "frames"):
+        # The tables hold nothing of the frames themselves.
+        assert labctl(arguments) == 0
+        return
+    assert labctl(arguments) == 1
+    assert f"{one.relative_to(folder)}: changed" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -49,6 +49,18 @@ def test_a_pressure_file_that_is_gone_is_said_on_the_page(tmp_path, capsys):
     assert "trial-01-1.pressures.parquet" in page.partition("<h2>Pressure</h2>")[2].partition("</section>")[0]
 
 
+def test_another_trials_pressures_are_not_drawn_as_this_ones(tmp_path):
+    run = made.run()
+    folder = made.ledger(tmp_path / "ledger", (run, [made.trial(run), made.trial(run, 2)]))
+    one, other = (folder / f"raw/0001-five-trial/trial-0{n}-1.pressures.parquet" for n in (1, 2))
+    one.write_bytes(other.read_bytes())
+
+    assert labctl(["report", "1", "--ledger", str(folder), "--out", str(tmp_path / "page.html")]) == 0
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    pressures = page.partition("<h2>Pressure</h2>")[2].partition("</section>")[0]
+    assert "trial-01-1.pressures.parquet: changed" in pressures
+
+
 @pytest.mark.parametrize("arguments", [["report", "9"], ["report", "latest"], ["report"]])
 def test_a_run_that_is_not_there_is_bad_input(folder, arguments, capsys):
     assert labctl([*arguments, "--ledger", str(folder)]) == 2
