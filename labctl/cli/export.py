@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from labctl.cli.ledgers import ledger_option, tell
+from labctl.cli.ledgers import keep_out_of_ledger, ledger_option, tell
+from labctl.cli.named_path import NamedPath
 from labctl.cli.output import emit_json
 from labctl.cli.rigs import json_option
 
@@ -27,7 +28,7 @@ _FORMATS: "tuple[Format, ...]" = ("csv", "parquet", "c3d")
 @click.option(
     "--out",
     "out_path",
-    type=click.Path(path_type=Path),
+    type=NamedPath(),
     help="The folder, which must not be there yet.  [default: run-RUN-FORMAT]",
 )
 @ledger_option
@@ -42,7 +43,9 @@ def export(run: str, kind: "Format", out_path: Path | None, ledger_folder: Path,
 
     with Ledger.open(ledger_folder, tell) as ledger:
         record = ledger.find(run)
-        exported = export_run(ledger, record, kind, out_path or Path(f"run-{record.number:04d}-{kind}"))
+        folder = out_path or Path(f"run-{record.number:04d}-{kind}")
+        keep_out_of_ledger(folder, ledger_folder)
+        exported = export_run(ledger, record, kind, folder)
     if as_json:
         emit_json(
             {

@@ -6,19 +6,39 @@ from typing import Any
 
 import click
 
+from labctl.cli.named_path import NamedPath
+from labctl.errors import BadInput
+
 
 def ledger_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """The --ledger option: `ledger_folder`."""
     return click.option(
         "--ledger",
         "ledger_folder",
-        type=click.Path(path_type=Path),
+        type=NamedPath(),
         default=Path("ledger"),
         show_default=True,
         envvar="LABCTL_LEDGER",
         show_envvar=True,
         help="The ledger's folder.",
     )(command)
+
+
+def keep_out_of_ledger(path: Path, ledger_folder: Path) -> None:
+    """Refuse to put what is made for people where a ledger keeps what was measured.
+
+    Raises:
+        BadInput: `path` is one of the ledger's own files, or in its folder of raw recordings.
+    """
+    try:
+        place, ledger = path.resolve(), ledger_folder.resolve()
+    # Of a link to itself; that nothing can be written there is said by whoever tries.
+    except (OSError, RuntimeError):
+        return
+    if place.is_relative_to(ledger / "raw") or (place.parent == ledger and place.name.startswith("ledger.")):
+        raise BadInput(
+            f"{path}: is where ledger {ledger_folder} keeps what was measured; name another with --out"
+        )
 
 
 def tell(text: str) -> None:

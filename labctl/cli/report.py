@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from labctl.cli.ledgers import ledger_option, tell
+from labctl.cli.ledgers import keep_out_of_ledger, ledger_option, tell
+from labctl.cli.named_path import NamedPath
 from labctl.cli.output import emit_json
 from labctl.cli.rigs import json_option
 
@@ -14,7 +15,7 @@ from labctl.cli.rigs import json_option
 @click.option(
     "--out",
     "out_path",
-    type=click.Path(path_type=Path),
+    type=NamedPath(),
     help="The page; one that is there is replaced.  [default: report-RUN.html]",
 )
 @ledger_option
@@ -29,6 +30,7 @@ def report(runs: tuple[str, ...], out_path: Path | None, ledger_folder: Path, as
 
     views = read_views(ledger_folder, runs, tell)
     path = out_path or Path(f"report-{'-'.join(f'{view.run.number:04d}' for view in views)}.html")
+    keep_out_of_ledger(path, ledger_folder)
     replaced = path.is_file()
     write_run_page(path, views)
     if as_json:

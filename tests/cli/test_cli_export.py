@@ -133,3 +133,11 @@ def test_another_trials_raw_file_is_not_handed_on_as_this_ones(kind, stream, tmp
     assert labctl(arguments) == 1
     assert f"{one.relative_to(folder)}: changed" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_no_export_lands_among_the_raw_recordings(folder, capsys):
+    out = folder / "raw" / "0009-mine"
+
+    assert labctl(["export", "1", "--format", "csv", "--ledger", str(folder), "--out", str(out)]) == 2
+    assert "is where ledger" in capsys.readouterr().err
+    assert not out.exists()

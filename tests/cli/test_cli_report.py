@@ -70,3 +70,25 @@ def test_a_run_that_is_not_there_is_bad_input(folder, arguments, capsys):
 def test_a_page_that_cannot_be_written_is_bad_input(folder, tmp_path, capsys):
     assert labctl(["report", "1", "--ledger", str(folder), "--out", str(tmp_path)]) == 2
     assert "is there already and is not a file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["ledger.sqlite", "ledger.journal", "raw/page.html", "raw"])
+def test_no_page_takes_the_place_of_what_was_measured(folder, name, capsys):
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+    assert labctl(["report", "1", "--ledger", str(folder), "--out", str(folder / name)]) == 2
+    assert "is where ledger" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_a_page_may_lie_beside_the_ledgers_own_files(tmp_path):
+    run = made.run()
+    folder = made.ledger(tmp_path / "ledger", (run, [made.trial(run)]))
+
+    assert labctl(["report", "1", "--ledger", str(folder), "--out", str(folder / "page.html")]) == 0
+
+
+@pytest.mark.parametrize("option", ["--out", "--ledger"])
+def test_a_path_of_an_empty_variable_is_refused(folder, option, capsys):
+    assert labctl(["report", "1", "--ledger", str(folder), option, ""]) == 2
+    assert "it is empty: write a name" in capsys.readouterr().err

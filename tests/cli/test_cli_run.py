@@ -118,6 +118,7 @@ def test_a_dry_run_prints_every_step_and_touches_nothing(labctl, tmp_path):
         (("relaxation", "--pattern", "sphere", "--watch", "0 s"), "no time to wait"),
         (("five-trial", "--pattern", "sphere", "--watch", "9 s"), "leave --watch out"),
         (("--continue", "3"), "no ledger"),
+        (("five-trial", "--pattern", "sphere", "--rig", ""), "it is empty"),
         ((), "which protocol"),
     ],
 )
