@@ -122,6 +122,10 @@ def check_is_folder(folder: Path) -> None:
             there = each.exists()
         except OSError as error:
             raise BadInput(f"ledger {folder}: {each}: {error.strerror or error}") from error
+        if not there and each.is_symlink():
+            raise BadInput(
+                f"ledger {folder}: {each} is a link that leads nowhere; mend it, or name another with --ledger"
+            )
         if there:
             if not each.is_dir():
                 raise BadInput(

@@ -29,7 +29,8 @@ def complete(protocol: Protocol, asked: Asked, design: Design) -> Request:
     Raises:
         BadInput: the protocol does not take what was asked for.
     """
-    _require_count(protocol, "--pattern", len(asked.patterns), protocol.takes.patterns)
+    has = f"; design {design.name} ({design.source}) has {', '.join(sorted(design.patterns))}"
+    _require_count(protocol, "--pattern", len(asked.patterns), protocol.takes.patterns, has)
     pressures_psi = asked.pressures_psi or protocol.pressures_psi
     _require_count(protocol, "--pressure", len(pressures_psi), protocol.takes.pressures)
     for name, values in (("pattern", asked.patterns), ("pressure", pressures_psi)):
@@ -80,11 +81,15 @@ def plan(protocol: Protocol, request: Request, design: Design, rig: RigConfig) -
     return trials
 
 
-def _require_count(protocol: Protocol, option: str, given: int, takes: tuple[int, int]) -> None:
+def _require_count(
+    protocol: Protocol, option: str, given: int, takes: tuple[int, int], has: str = ""
+) -> None:
     least, most = takes
     if not least <= given <= most:
         wanted = f"{least}" if least == most else f"{least} to {most}"
-        raise BadInput(f"{protocol.name} takes {wanted} {option}, {given} given; repeat the option for each")
+        raise BadInput(
+            f"{protocol.name} takes {wanted} {option}, {given} given; repeat the option for each{has}"
+        )
 
 
 def _placements(protocol: Protocol, asked: Asked, design: Design) -> tuple[str, ...]:
@@ -94,6 +99,9 @@ def _placements(protocol: Protocol, asked: Asked, design: Design) -> tuple[str, 
             raise BadInput(f"{protocol.name} names its own placements: leave --placement out")
         return protocol.placements(asked.patterns)
     if asked.placement is not None:
+        # It heads a row of every table.
+        if not asked.placement.strip() or not asked.placement.isprintable():
+            raise BadInput(f"--placement {asked.placement!r}: write a word or a few, in one line")
         return (asked.placement,)
     used = frozenset().union(*(design.jammed(pattern) for pattern in asked.patterns))
     is_neat = used == {fiber.id for fiber in design.fibers}

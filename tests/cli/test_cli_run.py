@@ -106,6 +106,7 @@ def test_a_dry_run_prints_every_step_and_touches_nothing(labctl, tmp_path):
     [
         (("five-trail", "--pattern", "sphere"), "five-trial"),
         (("five-trial",), "takes 1 --pattern, 0 given"),
+        (("five-trial",), "has cylinder, sphere"),
         (("five-trial", "--pattern", "spher"), "unknown pattern"),
         (("five-trial", "--pattern", "sphere", "--pressure", "4.2 psi"), "above the rig's limit of 4 psi"),
         (("five-trial", "--pattern", "sphere", "--pressure", "nan"), "nan"),

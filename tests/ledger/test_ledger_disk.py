@@ -103,6 +103,17 @@ def test_a_folder_that_is_a_file(tmp_path):
                 kind.open(folder, not_a_word)
 
 
+@pytest.mark.parametrize("target", ["itself", "not-there"])
+@pytest.mark.parametrize("opened", [Ledger, LedgerWriter])
+def test_a_link_that_leads_nowhere(tmp_path, target, opened):
+    link = tmp_path / "itself"
+    link.symlink_to(tmp_path / target)
+
+    for folder in (link, link / "ledger"):
+        with pytest.raises(BadInput, match="itself is a link that leads nowhere; mend it, or name another"):
+            opened.open(folder, not_a_word)
+
+
 def test_no_ledger_to_read(tmp_path):
     with pytest.raises(BadInput, match=r"no ledger in .*; labctl run makes one"):
         Ledger.open(tmp_path / "nowhere", not_a_word)

@@ -145,3 +145,9 @@ def test_a_plan_that_does_not_count_its_trials_is_refused(numbers):
     request = complete(protocol, Asked(("sphere",), trials=2), DESIGN)
     with pytest.raises(BadInput, match="does not number its 2 trials from 1"):
         plan(replace(protocol, plan=misnumbered), request, DESIGN, rig())
+
+
+@pytest.mark.parametrize("placement", ["", " ", "one\ntwo", "\x1b[31mred"])
+def test_a_placement_is_words_in_one_line(placement):
+    with pytest.raises(BadInput, match=r"--placement .*: write a word or a few, in one line"):
+        planned("five-trial", Asked(("sphere",), placement=placement))
