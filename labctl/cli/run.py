@@ -1,5 +1,6 @@
 """`labctl run PROTOCOL`: a scripted measurement, every trial committed to the ledger before it is told."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -80,6 +81,9 @@ def run(
     from labctl.session.preparation import prepare
 
     how = How(rig_path, ledger_folder, speed, operator, note, as_json)
+    # No range refuses what is no number.
+    if speed is not None and math.isnan(speed):
+        raise BadInput("--speed nan is no number; write for example --speed 20")
     if speed is not None and rig_path is not None:
         raise BadInput("--speed is for the command's own doubles; a rig.toml says its own speed")
     if continued is not None:

@@ -115,6 +115,7 @@ def test_a_dry_run_prints_every_step_and_touches_nothing(labctl, tmp_path):
         (("five-trial", "--pattern", "sphere", "--design", "nope"), "no design named"),
         (("five-trial", "--pattern", "sphere", "--rig", "nope.toml"), "no such file"),
         (("five-trial", "--pattern", "sphere", "--rig", "x.toml", "--speed", "3"), "--speed is for"),
+        (("five-trial", "--pattern", "sphere", "--speed", "nan"), "--speed nan is no number"),
         (("layering", "--pattern", "sphere"), "takes 2 --pattern"),
         (("relaxation", "--pattern", "sphere", "--watch", "0 s"), "no time to wait"),
         (("five-trial", "--pattern", "sphere", "--watch", "9 s"), "leave --watch out"),
