@@ -27,6 +27,7 @@ from labctl.simulation import simulate_pattern
 _MAY_DIFFER = frozenset(
     {"source", "speed", "port", "baudrate", "host", "tcp_port", "server_number", "timeout_s"}
 )
+_MOST_NAMED = 6
 
 
 @dataclass(frozen=True)
@@ -71,9 +72,11 @@ def require_same_rig(run: RunRecord, config: RigConfig) -> None:
     """Refuse to go on with a run on a rig that measures otherwise.
 
     Raises:
-        BadInput: naming every setting that differs.
+        BadInput: naming what differs.
     """
     differing = list(_differences(run.rig, asdict(config), ""))
+    if len(differing) > _MOST_NAMED:
+        differing[_MOST_NAMED:] = [f"and {len(differing) - _MOST_NAMED} more"]
     if differing:
         raise BadInput(
             f"run {run.number} was begun on another rig: {'; '.join(differing)}. Set it back in {config.source}, or "
@@ -194,7 +197,7 @@ def _heights_mm(design: Design, pattern: str, pressure_psi: float, points_mm: np
 def _differences(before: Mapping[str, Any], after: Mapping[str, Any], path: str) -> Sequence[str]:
     found: list[str] = []
     for key in before.keys() | after.keys():
-        old, new, name = before.get(key), after.get(key), f"{path}{key}"
+        old, new, name = _by_place(before.get(key)), _by_place(after.get(key)), f"{path}{key}"
         if key in _MAY_DIFFER:
             continue
         if isinstance(old, Mapping) and isinstance(new, Mapping):
@@ -208,6 +211,13 @@ def _trial_words(placement: str, pattern: str, pressures_psi: Sequence[float]) -
     return f"{placement} {pattern} at {', '.join(f'{psi:g}' for psi in pressures_psi)} psi"
 
 
+def _by_place(value: Any) -> Any:  # noqa: ANN401 - whatever a configuration holds
+    """A table of mappings as one mapping, so that of many points the one is named that differs."""
+    if isinstance(value, (list, tuple)) and any(isinstance(item, Mapping) for item in value):
+        return {f"{place:02d}": item for place, item in enumerate(value)}
+    return value
+
+
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a configuration holds
     """Lists where there are tuples: JSON has no others."""
     if isinstance(value, (list, tuple)):
@@ -218,5 +228,5 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a configuration holds
 
 
 def _brief(value: object) -> str:
-    text = str(value)
+    text = "nothing" if value is None else str(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
