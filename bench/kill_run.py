@@ -33,6 +33,7 @@ LONGEST_LIFE_S = 12.0
 SAFE_WITHIN_S = 15.0
 TRIES = 3
 _TRIAL = re.compile(r"trial (\d+) of \d+: (.*)")
+_NUMBER = re.compile(r"trial \d+: | \(.*\)")
 _RUN = re.compile(r"run (\d+):")
 
 
@@ -97,6 +98,7 @@ def main() -> int:
             doubles.wait(20)
         _say(tally)
         unfinished = _unfinished(place)
+    print("killed during: " + "; ".join(f"{step} {count}" for step, count in sorted(tally.during.items())))
     print(f"unfinished at the end: {unfinished or 'none'}")
     print(f"runs finished afterwards and verified from their raw files: {verified}")
     if arguments.out:
@@ -130,10 +132,16 @@ def _one_life(place: Place, life_s: float, tally: Tally) -> None:
         process.send_signal(signal.SIGKILL)
         out, err = process.communicate()
         tally.kills += 1
-        step = err.strip().splitlines()[-1].removeprefix("... ") if err.strip() else "starting"
+        step = _last_step(err)
         tally.during[step] = tally.during.get(step, 0) + 1
         _wait_safe(place, killed_s, tally)
     _check_ledger(place, out, before, tally)
+
+
+def _last_step(err: str) -> str:
+    """What was going on: the last step that was shown, without its trial's number."""
+    steps = [line.removeprefix("... ") for line in err.splitlines() if line.startswith("... ")]
+    return _NUMBER.sub("", steps[-1]) if steps else "starting"
 
 
 def _check_ledger(place: Place, out: str, begun_before: int, tally: Tally) -> None:

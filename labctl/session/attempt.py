@@ -47,7 +47,7 @@ def attempt(trial: Trial, number: int, at: Workplace) -> Attempt:
     """Do a trial once and commit what came of it; `number` counts attempts from 1.
 
     Raises:
-        LedgerError: it could not be committed; the rig is SAFE, as read back, by then.
+        LabError: it could not be committed; the teardown was done by then.
     """
     begun = now()
     write_event(at.ledger, at.run.number, "trial-begun", {"number": trial.number, "attempt": number})
