@@ -15,6 +15,8 @@ from labctl.readings import MarkerFrames, PressureSamples
 
 # A stream that brought less than this share of what was due had stalled.
 FEWEST_FRAMES = 0.5
+# Cameras keep their frequency far better; a time that is told in another unit is off by more.
+STEP_TOLERANCE = 0.02
 
 Floats = NDArray[np.float64]
 
@@ -63,4 +65,12 @@ def lay_out(frames: MarkerFrames, pressures: PressureSamples, basis: Basis) -> R
         clock = fit_clock(frames.time_s, frames.arrival_s, basis.frequency_hz)
     except LabError as error:
         return str(error)
+    # Of frames that are missing the steps are whole numbers of periods too.
+    steps_s = np.diff(frames.time_s) if len(frames) > 1 else np.ones(1) / basis.frequency_hz
+    periods = float(np.percentile(steps_s, 50, method="lower")) * basis.frequency_hz
+    if abs(periods - max(round(periods), 1)) > STEP_TOLERANCE:
+        return (
+            f"the marker server's frames are {periods:.3g} periods of {basis.frequency_hz:g} Hz apart by its own "
+            "time: its timebase or its frequency is not what it told; start it anew, and repeat the trial"
+        )
     return Recording(frames, lab_times_s(clock, frames.time_s), pressures, basis, clock)

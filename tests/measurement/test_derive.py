@@ -198,6 +198,14 @@ def test_a_server_clock_that_is_set_ahead_places_no_frame(trial):
     assert "from frame 3000 to frame 3001" in problem
 
 
+@pytest.mark.parametrize("rate", [0.02, 0.9, 1.1, 1.5])
+def test_a_server_whose_seconds_are_none_places_no_frame(trial, rate):
+    time_s = made.SERVER_START_S + made.TIME_S * rate
+    result = derive(*trial.but(frames=replace(trial.frames, time_s=time_s)).parts)
+    (problem,) = result.problems
+    assert problem.startswith(f"the marker server's frames are {rate:g} periods of 100 Hz apart")
+
+
 def test_frames_that_waited_or_were_not_sent_are_placed_all_the_same(trial):
     waited = np.where((made.TIME_S > 7) & (made.TIME_S < 10), 10.01, trial.frames.arrival_s)
     assert derive(*trial.but(frames=replace(trial.frames, arrival_s=waited)).parts).problems == ()
