@@ -131,7 +131,8 @@ class LedgerWriter(Ledger):
 
     def _append(self, record: Record, run: int | None) -> None:
         at = self._clock()
-        self._watch_clock(at, run)
+        # A run that is about to begin has no row yet that an event could belong to.
+        self._watch_clock(at, None if isinstance(record, RunRecord) else run)
         self._commit(row_of(self._next_seq(), at, record))
 
     def _watch_clock(self, at: Moment, run: int | None) -> None:

@@ -88,3 +88,19 @@ def test_a_clock_set_back_is_an_event_and_changes_no_order(tmp_path):
         "by_s": 7200.0,
     }
     assert "set back by 7200 s" in told.text
+
+
+def test_a_run_begins_on_a_clock_that_was_set_back_since_the_last(tmp_path):
+    clock, told = SetClock(), Told()
+    with LedgerWriter.open(tmp_path, told, clock) as ledger:
+        ledger.begin_run(a_run())
+        clock.pass_s(60, wall_s=60 - 3600)
+        run = ledger.begin_run(a_run())
+        ledger.add_trial(a_trial(run.number, 1))
+
+    with Ledger.open(tmp_path, not_a_word) as ledger:
+        assert [each.number for each in ledger.runs()] == [1, 2]
+        assert len(ledger.trials(2)) == 1
+        (event,) = ledger.events(None)
+    assert (event.kind, event.detail["by_s"]) == ("clock-set-back", 3600.0)
+    assert told.text.count("set back by 3600 s") == 1
