@@ -5,15 +5,22 @@ BIN := $(VENV)/bin
 COMPUTING := tests/sim tests/evolve tests/evolution tests/report tests/ledger tests/measurement tests/statistics tests/export
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test check format bench-sim bench-evolve bench-protocols bench-kill bench-rig clean
+.PHONY: inflate test test-rig test-computing check format bench-sim bench-evolve bench-protocols bench-kill bench-rig clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
 
-# The tests that compute run two files at a time; those of the rig keep real deadlines, and run alone.
+# The tests of the rig keep real deadlines, run one after the other and wait most of the time; those that compute take
+# what is left of the machine meanwhile.
 test: $(INSTALLED) check  ## every check and every test
+	@$(MAKE) --no-print-directory --jobs 2 test-rig test-computing
+
+test-rig: $(INSTALLED)
 	$(BIN)/pytest $(COMPUTING:%=--ignore=%)
-	$(BIN)/pytest -n 2 --dist loadfile $(COMPUTING)
+
+test-computing: $(INSTALLED)
+	@nice -n 19 $(BIN)/pytest -n 2 --dist loadfile $(COMPUTING) > .computing-tests.log 2>&1; \
+	code=$$?; cat .computing-tests.log; exit $$code
 
 check: $(INSTALLED)  ## style, types, who may import whom
 	$(BIN)/ruff check .
@@ -49,4 +56,4 @@ $(INSTALLED): pyproject.toml
 	@touch $@
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .computing-tests.log .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
