@@ -137,6 +137,17 @@ def test_what_is_there_is_never_overwritten(tmp_path):
     assert (tmp_path / first["frames"].path).read_bytes() == content
 
 
+def test_what_comes_under_its_name_meanwhile_is_not_overwritten(tmp_path):
+    recorder = RawRecorder(tmp_path, STEM)
+    recorder.take_frames(batch([1]))
+    other = tmp_path / f"{STEM}.frames.parquet"
+    other.write_text("somebody's")
+    with pytest.raises(RecordingFailed, match="never overwritten"):
+        recorder.finish()
+    assert other.read_text() == "somebody's"
+    assert other.with_name(other.name + ".unfinished").exists()
+
+
 def test_an_abandoned_recording_leaves_nothing(tmp_path):
     recorder = RawRecorder(tmp_path, STEM)
     recorder.take_frames(batch([1]))
