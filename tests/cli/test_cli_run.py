@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -244,7 +245,7 @@ def test_a_trip_is_recorded_and_not_tried_again(labctl, doubles_with, tmp_path):
     assert kinds_of(ledger)[-1] == "interrupted"
 
 
-def test_another_rig_does_not_go_on_with_a_run(labctl, start, fast, tmp_path):
+def test_another_rig_or_another_plan_does_not_go_on_with_a_run(labctl, start, fast, tmp_path):
     ledger = tmp_path / "ledger"
     running = start("run", "five-trial", "--pattern", "sphere", "--rig", fast.rig, "--ledger", ledger)
     running.wait_for("trial 1: jam")
@@ -257,6 +258,13 @@ def test_another_rig_does_not_go_on_with_a_run(labctl, start, fast, tmp_path):
 
     assert done.code == 2
     assert "limits.hold_tolerance_psi was 0.1 and is 0.2" in done.err
+    with Ledger.open(ledger, lambda _: None) as read, LedgerWriter.open(tmp_path / "longer", print) as longer:
+        longer.begin_run(replace(read.run(1), number=0, planned_trials=6))
+
+    done = labctl("run", "--continue", "1", "--rig", fast.rig, "--ledger", tmp_path / "longer")
+
+    assert done.code == 2
+    assert "6 trials were planned, and 5 are now" in done.err
 
 
 def test_a_ledger_in_use_a_read_only_one_and_a_file_are_refused_before_the_rig_is_touched(
