@@ -31,6 +31,12 @@ def find_protocol(name: str) -> Protocol:
     return _load(entries[0])
 
 
+def package_of(name: str) -> dict[str, str]:
+    """The package that offers a protocol, and its version; nothing where that is not known."""
+    offering = [entry.dist for entry in entry_points(group=GROUP) if entry.name == name]
+    return {dist.name: dist.version for dist in offering if dist is not None}
+
+
 def _load(entry: EntryPoint) -> Protocol:
     try:
         protocol = entry.load()

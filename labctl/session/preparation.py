@@ -15,7 +15,7 @@ from labctl.ledger.moment import now
 from labctl.ledger.records import Json, RunRecord
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
-from labctl.session.catalogue import find_protocol
+from labctl.session.catalogue import find_protocol, package_of
 from labctl.session.contract import Protocol, Request, Trial
 from labctl.session.events import unrecorded_attempts, write_event
 from labctl.session.provenance import commit, versions
@@ -147,7 +147,7 @@ def begin(
             simulated=rig.config.simulated,
             identities=asdict(rig.identities),
             simulated_heights=heights,
-            versions=versions(),
+            versions={**versions(), **package_of(prepared.protocol.name)},
             commit=commit(),
             operator=operator,
             note=note,
@@ -161,7 +161,7 @@ def go_on(ledger: LedgerWriter, run: RunRecord, rig: Rig, operator: str, note: s
         "operator": operator,
         "note": note,
         "identities": asdict(rig.identities),
-        "versions": versions(),
+        "versions": {**versions(), **package_of(run.protocol)},
         "commit": commit(),
         "without_record": [
             {"number": number, "attempt": attempt}

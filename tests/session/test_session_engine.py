@@ -1,6 +1,7 @@
 """A run from its first trial to its end: finished, gone on with, paused, and never finished before SAFE."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -44,6 +45,26 @@ def test_a_run_whose_trials_are_good_is_finished(laboratory):
     # The doubles' bowl is the simulated one, of another size.
     assert group.e_t_mean_percent < 5
     lab.assert_safe()
+
+
+def test_a_run_names_the_package_that_its_protocol_is_of(laboratory, monkeypatch):
+    """A laboratory's own changes too; the run that goes on with another version says so."""
+    lab = laboratory()
+    dist = SimpleNamespace(name="our-lab", version="1.2")
+    entry = SimpleNamespace(name="five-trial", dist=dist)
+    monkeypatch.setattr("labctl.session.catalogue.entry_points", lambda group: [entry])
+    with pytest.raises(RunFailed):
+        lab.run(lab.prepared(attempts=1), change=lambda trials: at_first_step(trials, 1, fail))
+    with Ledger.open(lab.folder, lambda _: None) as ledger:
+        run = ledger.run(1)
+    dist.version = "1.3"
+    with pytest.raises(RunFailed):
+        lab.run(lab.prepared(attempts=1), run=run, change=lambda trials: at_first_step(trials, 1, fail))
+
+    with Ledger.open(lab.folder, lambda _: None) as ledger:
+        (continued,) = (event for event in ledger.events(1) if event.kind == "continued")
+    assert run.versions["our-lab"] == "1.2"
+    assert continued.detail["versions"]["our-lab"] == "1.3"
 
 
 def test_a_run_goes_on_with_what_is_not_good_yet(laboratory):
