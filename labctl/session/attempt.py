@@ -5,7 +5,7 @@ derived from these files, then the ledger commits the trial; only then does anyb
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from labctl.errors import LabError, Stopped, Tripped
@@ -94,7 +94,13 @@ def _perform(trial: Trial, at: Workplace, recorder: RawRecorder, windows: list[W
 
     bench = Bench(at.rig, windows.append, lambda detail: at.show(present, detail))
     with at.rig.recording(recorder):
-        return perform(trial.checklist, bench, at.stop, begin)
+        performed = perform(trial.checklist, bench, at.stop, begin)
+        if at.rig.safe_report is not None:
+            return performed
+        # Nothing stays under pressure while files are written and numbers derived.
+        at.rig.make_safe()
+        left = LabError("the teardown left the rig energised: put vent_and_unjam into it")
+        return replace(performed, teardown_errors=(*performed.teardown_errors, left))
 
 
 def _trip(rig: Rig) -> Tripped | None:

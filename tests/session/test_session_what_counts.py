@@ -1,12 +1,14 @@
 """What is recorded as good is good: after a stop, a trip, or a rig that nobody vented, nothing counts."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
-from labctl.errors import Stopped, Tripped, Unsafe
+from labctl.errors import Stopped, Tripped
 from labctl.ledger.ledger import Ledger
 from labctl.session.contract import Step
+from labctl.session.engine import RunFailed
 
 
 def kinds(lab):
@@ -32,19 +34,20 @@ def do(words, deed):
     return Step(words, 0.1, 10.0, deed)
 
 
-def test_a_trial_that_nobody_vents_does_not_count_and_ends_the_run(laboratory):
+def test_a_trial_that_nobody_vents_does_not_count_and_the_rig_is_vented_at_once(laboratory):
     """SAFE was read back before the first trial: that is not SAFE after it."""
     lab = laboratory()
+    found = []
+    lab.told = SimpleNamespace(append=lambda record: (lab.assert_safe(), found.append(record)))
 
-    with pytest.raises(Unsafe):
-        lab.run(change=lambda trials: with_steps(trials, teardown=lambda _: ()))
+    with pytest.raises(RunFailed):
+        lab.run(lab.prepared(attempts=1), change=lambda trials: with_steps(trials, teardown=lambda _: ()))
 
-    lab.assert_safe()
-    (record,) = lab.told
+    (record,) = found
     assert record.outcome == "failed"
-    assert record.reason == "SAFE was not read back after the trial"
-    assert record.safe["safe"] is False
-    assert kinds(lab) == ["trial-begun", "interrupted"]
+    assert record.reason == "the teardown left the rig energised: put vent_and_unjam into it"
+    assert record.safe["safe"] is True
+    assert kinds(lab) == ["trial-begun", "failed"]
 
 
 def test_a_trip_that_no_step_saw_is_no_good_trial(laboratory):
