@@ -120,7 +120,8 @@ def _finish(
 ) -> tuple[Mapping[str, RawFile], BaseException | None]:
     try:
         return recorder.finish(), error
-    except LabError as caught:
+    # Whatever the files meet, how the trial ended must reach the ledger.
+    except Exception as caught:
         return {}, error or caught
 
 

@@ -97,3 +97,20 @@ def test_a_number_that_the_ledger_does_not_hold_loses_no_trial(laboratory, monke
         (trial,) = ledger.trials(1)
     assert trial.outcome == "failed"
     assert set(trial.raw) == {"frames", "pressures"}
+
+
+def test_a_defect_in_what_writes_the_files_loses_no_outcome(laboratory, monkeypatch):
+    lab = laboratory()
+    finish = attempts.RawRecorder.finish
+
+    def broken(recorder):
+        finish(recorder)
+        raise TypeError("a defect")
+
+    monkeypatch.setattr(attempts.RawRecorder, "finish", broken)
+    with pytest.raises(TypeError, match="a defect"):
+        lab.run(lab.prepared(trials=1))
+
+    with Ledger.open(lab.folder, lambda _: None) as ledger:
+        (trial,) = ledger.trials(1)
+    assert (trial.outcome, trial.reason) == ("failed", "TypeError('a defect')")
