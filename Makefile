@@ -5,22 +5,26 @@ BIN := $(VENV)/bin
 COMPUTING := tests/sim tests/evolve tests/evolution tests/report tests/ledger tests/measurement tests/statistics tests/export
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test test-rig test-computing check format bench-sim bench-evolve bench-protocols bench-kill bench-rig clean
+.PHONY: inflate test test-commands test-rig test-computing check format bench-sim bench-evolve bench-protocols bench-kill bench-rig clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
 
-# The tests of the rig keep real deadlines, run one after the other and wait most of the time; those that compute take
-# what is left of the machine meanwhile.
+# The commands' tests and the rig's keep real deadlines and wait most of the time: one of each at once. Those that compute
+# take what is left of the machine. Each tells its whole story when it ends.
 test: $(INSTALLED) check  ## every check and every test
-	@$(MAKE) --no-print-directory --jobs 2 test-rig test-computing
+	@$(MAKE) --no-print-directory --jobs 3 test-commands test-rig test-computing
+
+test-commands: $(INSTALLED)
+	@$(call told_at_its_end,$(BIN)/pytest tests/cli)
 
 test-rig: $(INSTALLED)
-	$(BIN)/pytest $(COMPUTING:%=--ignore=%)
+	@$(call told_at_its_end,$(BIN)/pytest --ignore=tests/cli $(COMPUTING:%=--ignore=%))
 
 test-computing: $(INSTALLED)
-	@nice -n 19 $(BIN)/pytest -n 2 --dist loadfile $(COMPUTING) > .computing-tests.log 2>&1; \
-	code=$$?; cat .computing-tests.log; exit $$code
+	@$(call told_at_its_end,nice -n 19 $(BIN)/pytest -n 2 --dist loadfile $(COMPUTING))
+
+told_at_its_end = $(1) > .$@.log 2>&1; code=$$?; cat .$@.log; exit $$code
 
 check: $(INSTALLED)  ## style, types, who may import whom
 	$(BIN)/ruff check .
@@ -56,4 +60,4 @@ $(INSTALLED): pyproject.toml
 	@touch $@
 
 clean:
-	rm -rf $(VENV) .computing-tests.log .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .test-*.log .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

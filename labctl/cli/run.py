@@ -77,7 +77,7 @@ def run(
     Each trial is in the ledger before it is told. Ctrl-C at any moment ends in SAFE; --continue RUN goes on at
     the next trial. Exit code 0 means that every trial is good and SAFE was read back.
     """
-    from labctl.cli.run_session import How, begin, go_on
+    from labctl.cli.run_how import How
     from labctl.session.preparation import prepare
 
     how = How(rig_path, ledger_folder, speed, operator, note, as_json)
@@ -88,6 +88,8 @@ def run(
         raise BadInput("--speed is for the command's own doubles; a rig.toml says its own speed")
     if continued is not None:
         _refuse_beside_continue(ctx)
+        from labctl.cli.run_session import go_on
+
         go_on(continued, how)
         return
     if protocol is None:
@@ -99,6 +101,9 @@ def run(
 
         tell_plan(prepared, rig_path, as_json)
         return
+    # The instruments' side takes a second to import: what is asked for wrongly is answered before.
+    from labctl.cli.run_session import begin
+
     begin(prepared, design_name, how)
 
 

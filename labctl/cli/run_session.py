@@ -3,7 +3,6 @@
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 from labctl.cli.interrupts import stop_on_signals
@@ -11,6 +10,7 @@ from labctl.cli.ledgers import tell
 from labctl.cli.outcome import Outcome
 from labctl.cli.output import ProgressLine
 from labctl.cli.rigs import chosen_rig, reporting, rig_to_be
+from labctl.cli.run_how import How
 from labctl.cli.run_words import RunTeller, default_operator, tell_result
 from labctl.clock import WallClock
 from labctl.errors import BadInput
@@ -25,18 +25,6 @@ from labctl.session.preparation import Prepared
 from labctl.session.request import plan
 from labctl.session.run_stop import RunStop
 from sim.warm import compile_kernels
-
-
-@dataclass(frozen=True)
-class How:
-    """What a person says beside what is to be measured."""
-
-    rig_path: Path | None
-    ledger_folder: Path
-    speed: float | None
-    operator: str | None
-    note: str
-    as_json: bool
 
 
 def begin(prepared: Prepared, design_name: str, how: How) -> None:

@@ -20,7 +20,6 @@ from labctl.session.contract import Protocol, Request, Trial
 from labctl.session.events import unrecorded_attempts, write_event
 from labctl.session.provenance import commit, versions
 from labctl.session.request import Asked, complete
-from labctl.simulation import simulate_pattern
 
 # What may differ between the rig that began a run and the one that goes on with it: how it is reached, how fast a
 # simulated one runs.
@@ -189,6 +188,9 @@ def _who(identity: Mapping[str, Any]) -> str:
 
 
 def _heights_mm(design: Design, pattern: str, pressure_psi: float, points_mm: np.ndarray) -> list[float]:
+    # Not before it is wanted: what is asked for wrongly should be answered at once.
+    from labctl.simulation import simulate_pattern
+
     simulated = simulate_pattern(design, pattern, design.sheet.strain_at(pressure_psi))
     heights: list[float] = simulated.points_mm(points_mm)[:, 2].tolist()
     return heights
