@@ -120,6 +120,9 @@ def _until_good(trial: Trial, tried: int, attempts: int, at: Workplace, listener
 def _require_that_it_may_go_on(made: Attempt, at: Workplace) -> None:
     """Raise what must end the run: a stop, a trip, a rig that is not SAFE, a defect."""
     error = made.error
+    if isinstance(error, SystemExit):
+        # Its exit code may be 0, and a run that was ended is no success.
+        raise LabError(f"trial {made.record.number} ended the program: {made.record.reason}") from error
     if error is not None and (
         isinstance(error, (Stopped, Tripped, Unsafe)) or not isinstance(error, LabError)
     ):

@@ -1,11 +1,12 @@
 """From what was asked for to a complete request and its plan, every mistake refused before anything moves."""
 
+import traceback
 from dataclasses import dataclass
 
 from labctl.config.design import Design
 from labctl.config.load import check_fit
 from labctl.config.rig import RigConfig
-from labctl.errors import BadInput
+from labctl.errors import BadInput, LabError
 from labctl.session.contract import Protocol, Request, Trial
 
 MOST_TRIALS = 1000
@@ -59,9 +60,10 @@ def plan(protocol: Protocol, request: Request, design: Design, rig: RigConfig) -
     Raises:
         BadInput: a pressure that this rig must not go to, a fiber without a valve, no trial at all, or not
             numbered from 1.
+        LabError: the protocol cannot make its plan.
     """
     check_fit(design, rig)
-    trials = protocol.plan(request, design, rig)
+    trials = _planned(protocol, request, design, rig)
     if not 0 < len(trials) <= MOST_TRIALS:
         raise BadInput(f"{protocol.name}: a plan of {len(trials)} trials; 1 to {MOST_TRIALS} can be run")
     if [trial.number for trial in trials] != list(range(1, len(trials) + 1)):
@@ -79,6 +81,19 @@ def plan(protocol: Protocol, request: Request, design: Design, rig: RigConfig) -
                     f"{rig.valves.channels}"
                 )
     return trials
+
+
+def _planned(protocol: Protocol, request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
+    try:
+        return tuple(protocol.plan(request, design, rig))
+    except LabError:
+        raise
+    # A laboratory's own package may fail in any way.
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        raise LabError(
+            f"protocol {protocol.name!r} made no plan: {error!r} ({place.filename}, line {place.lineno})"
+        ) from error
 
 
 def _require_count(

@@ -138,3 +138,16 @@ def test_ctrl_c_ends_in_safe_however_often_it_is_pressed(laboratory, index, pres
     lab.assert_safe()
     assert pressed == presses
     assert outcomes(lab) == (["aborted"], ["trial-begun", "interrupted"])
+
+
+def test_a_step_that_ends_the_program_with_0_is_no_success(laboratory):
+    lab = laboratory()
+
+    def deed(_bench):
+        raise SystemExit(0)
+
+    with pytest.raises(LabError, match="trial 1 ended the program"):
+        lab.run(lab.prepared(trials=1), change=lambda trials: with_deed(trials, 1, deed))
+
+    lab.assert_safe()
+    assert outcomes(lab) == (["aborted"], ["trial-begun", "interrupted"])

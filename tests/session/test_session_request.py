@@ -7,7 +7,7 @@ import pytest
 from labctl.config.load import load_design, rig_from_text
 from labctl.doubles.rig_file import rig_toml
 from labctl.doubles.settings import DoublesSettings
-from labctl.errors import BadInput
+from labctl.errors import BadInput, LabError
 from labctl.session.catalogue import find_protocol, protocol_names
 from labctl.session.contract import Request
 from labctl.session.rehearsal import rehearse
@@ -151,3 +151,11 @@ def test_a_plan_that_does_not_count_its_trials_is_refused(numbers):
 def test_a_placement_is_words_in_one_line(placement):
     with pytest.raises(BadInput, match=r"--placement .*: write a word or a few, in one line"):
         planned("five-trial", Asked(("sphere",), placement=placement))
+
+
+@pytest.mark.parametrize("made", [lambda *_: {}["no such key"], lambda *_: None])
+def test_a_protocol_that_makes_no_plan_is_named_with_the_place(made):
+    protocol = replace(find_protocol("five-trial"), plan=made)
+
+    with pytest.raises(LabError, match=r"protocol 'five-trial' made no plan: \w+Error.*\.py, line \d+"):
+        plan(protocol, complete(protocol, Asked(("sphere",)), DESIGN), DESIGN, rig())
