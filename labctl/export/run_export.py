@@ -8,6 +8,7 @@ from typing import Literal
 
 import pandas as pd
 
+from labctl.errors import BadInput
 from labctl.export.c3d_file import write_c3d
 from labctl.export.motion import motion_of
 from labctl.export.run_tables import meaning, run_tables
@@ -37,13 +38,16 @@ def export_run(ledger: Ledger, run: RunRecord, kind: Format, folder: Path) -> Ex
     """Write a run into a new folder, whole or not at all.
 
     Raises:
-        BadInput: something is there already, or it cannot be written.
+        BadInput: something is there already, it cannot be written, or there is nothing to write.
         LabError: a raw file is missing, or is not what was recorded.
     """
     write = {"csv": _write_csv, "parquet": _write_parquet, "c3d": _write_motion}[kind]
     with whole_folder(folder) as unfinished:
         left_out = write(ledger, run, unfinished)
         files = sorted(str(path.relative_to(unfinished)) for path in unfinished.rglob("*") if path.is_file())
+        if not files:
+            why = "; ".join(left_out) or "it has no trial yet"
+            raise BadInput(f"run {run.number}: there is nothing to write as {kind}: {why}")
     return Exported(folder, tuple(files), tuple(left_out))
 
 

@@ -141,3 +141,19 @@ def test_no_export_lands_among_the_raw_recordings(folder, capsys):
     assert labctl(["export", "1", "--format", "csv", "--ledger", str(folder), "--out", str(out)]) == 2
     assert "is where ledger" in capsys.readouterr().err
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "words"), [((), "no trial yet"), (("aborted",), "trial 1, attempt 1: nothing was recorded")]
+)
+def test_no_empty_folder_stands_for_the_motion_of_a_run_without_any(outcomes, words, tmp_path, capsys):
+    run = made.run()
+    trials = [
+        made.trial(run, outcome=outcome, reason="stopped", derived=None, raw={}) for outcome in outcomes
+    ]
+    folder = made.ledger(tmp_path / "ledger", (run, trials))
+
+    arguments = ["export", "1", "--format", "c3d", "--ledger", str(folder), "--out", str(tmp_path / "out")]
+    assert labctl(arguments) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
