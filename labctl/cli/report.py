@@ -29,6 +29,9 @@ def report(runs: tuple[str, ...], out_path: Path | None, ledger_folder: Path, as
     from labctl.report.run_reading import read_views
 
     views = read_views(ledger_folder, runs, tell)
+    for view in views:
+        for name, missing in view.damaged:
+            tell(f"run {view.run.number}, trial {name}: {missing}; its pressures are left out")
     path = out_path or Path(f"report-{'-'.join(f'{view.run.number:04d}' for view in views)}.html")
     keep_out_of_ledger(path, ledger_folder)
     replaced = path.is_file()

@@ -107,7 +107,8 @@ def _why_sqlite(error: sqlite3.Error, folder: Path) -> str:
 _LEFT = "What was committed before is safe"
 _FULL_WORDS = f"the disk is full. {_LEFT}; free some space and go on in the same ledger"
 _FORBIDDEN_WORDS = (
-    "it is not to be written. Make the folder and its ledger.* files writable, or name another with --ledger"
+    "you may not. Make the folder and its ledger.* files readable, to measure also writable, or name another with "
+    "--ledger"
 )
 
 

@@ -65,6 +65,15 @@ class RunView:
         return tuple(each.record for each in self.attempts)
 
     @property
+    def damaged(self) -> tuple[tuple[str, str], ...]:
+        """The attempts whose recorded pressures cannot be shown: name, and why."""
+        return tuple(
+            (each.name, each.missing)
+            for each in self.attempts
+            if each.missing and "pressures" in each.record.raw
+        )
+
+    @property
     def placed(self) -> bool:
         """Whether the run is of more than one placement of the fibers."""
         return len({each.record.placement for each in self.attempts}) > 1

@@ -49,7 +49,7 @@ def test_a_pressure_file_that_is_gone_is_said_on_the_page(tmp_path, capsys):
     assert "trial-01-1.pressures.parquet" in page.partition("<h2>Pressure</h2>")[2].partition("</section>")[0]
 
 
-def test_another_trials_pressures_are_not_drawn_as_this_ones(tmp_path):
+def test_another_trials_pressures_are_not_drawn_as_this_ones(tmp_path, capsys):
     run = made.run()
     folder = made.ledger(tmp_path / "ledger", (run, [made.trial(run), made.trial(run, 2)]))
     one, other = (folder / f"raw/0001-five-trial/trial-0{n}-1.pressures.parquet" for n in (1, 2))
@@ -59,6 +59,9 @@ def test_another_trials_pressures_are_not_drawn_as_this_ones(tmp_path):
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     pressures = page.partition("<h2>Pressure</h2>")[2].partition("</section>")[0]
     assert "trial-01-1.pressures.parquet: changed" in pressures
+    told = capsys.readouterr().err
+    assert "run 1, trial 1: raw/0001-five-trial/trial-01-1.pressures.parquet: changed" in told
+    assert "trial 2" not in told
 
 
 @pytest.mark.parametrize("arguments", [["report", "9"], ["report", "latest"], ["report"]])

@@ -9,6 +9,7 @@ import pytest
 from made_ledger import Told, a_run, a_trial, an_event, check_files_agree, make_ledger, not_a_word
 
 from labctl.errors import BadInput, LabError
+from labctl.ledger.disk import disk_errors
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.writer import LedgerWriter
 
@@ -112,6 +113,14 @@ def test_a_link_that_leads_nowhere(tmp_path, target, opened):
     for folder in (link, link / "ledger"):
         with pytest.raises(BadInput, match="itself is a link that leads nowhere; mend it, or name another"):
             opened.open(folder, not_a_word)
+
+
+def test_a_file_that_may_not_be_read_is_to_be_made_readable(tmp_path):
+    with (
+        pytest.raises(LabError, match=r"Permission denied \(ledger.sqlite\).* readable"),
+        disk_errors(tmp_path, "reading"),
+    ):
+        raise PermissionError(errno.EACCES, "Permission denied", "ledger.sqlite")
 
 
 def test_no_ledger_to_read(tmp_path):
