@@ -7,9 +7,13 @@ from labctl.config.design import Design
 from labctl.config.load import check_fit
 from labctl.config.rig import RigConfig
 from labctl.errors import BadInput, LabError
+from labctl.measurement.decay import FEWEST_SAMPLES
+from labctl.measurement.relaxation import STRETCH_S
 from labctl.session.contract import Protocol, Request, Trial
 
 MOST_TRIALS = 1000
+# A watch that no trial could come out good of.
+SHORTEST_WATCH_S = FEWEST_SAMPLES * STRETCH_S
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,11 @@ def complete(protocol: Protocol, asked: Asked, design: Design) -> Request:
             raise BadInput(f"pattern {pattern!r} of design {design.name} ({design.source}) stiffens no fiber")
     if asked.watch_s is not None and protocol.watch_s is None:
         raise BadInput(f"{protocol.name} does not watch the sheet after venting: leave --watch out")
+    if asked.watch_s is not None and asked.watch_s < SHORTEST_WATCH_S:
+        raise BadInput(
+            f"--watch {asked.watch_s:g} s is below {SHORTEST_WATCH_S:g} s: it gives fewer than {FEWEST_SAMPLES} "
+            "heights, from which no time constant can be had"
+        )
     trials = protocol.trials if asked.trials is None else asked.trials
     return Request(
         protocol=protocol.name,
