@@ -49,6 +49,7 @@ def verify(name: str, ledger_folder: Path, as_json: bool) -> int:
             *_trial_lines(verification.trials),
             *_summary_lines(verification.summary),
             *simulation.lines(),
+            *_unrecorded_lines(verification.unrecorded),
         ):
             click.echo(line)
         if verification.differences:
@@ -138,6 +139,12 @@ def _summary_lines(summary: "Sequence[Difference] | None") -> Iterator[str]:
         yield "summary: every number the same again"
 
 
+def _unrecorded_lines(files: "Sequence[str]") -> Iterator[str]:
+    if files:
+        yield "of no recorded attempt, left by an end within a trial (they count nowhere):"
+        yield from (f"    {file}" for file in files)
+
+
 def _difference_lines(differences: "Sequence[Difference]") -> Iterator[str]:
     yield from (f"    {difference.describe()}" for difference in differences[:_MOST_SHOWN])
     if len(differences) > _MOST_SHOWN:
@@ -183,6 +190,7 @@ def _for_machines(
             }
             for trial in verification.trials
         ],
+        "unrecorded_files": verification.unrecorded,
         "summary": None if verification.summary is None else _plain(verification.summary),
         "simulated_heights": {
             "agree": simulation.agrees,

@@ -41,11 +41,16 @@ class TrialVerification:
 
 @dataclass(frozen=True)
 class Verification:
-    """A run: its attempts, and the summary of its last "finished" event; `summary` is None where it has none."""
+    """A run: its attempts, and the summary of its last "finished" event; `summary` is None where it has none.
+
+    `unrecorded` are files in the run's folder that no attempt is recorded with: what a program that died within a
+    trial, or a full disk, has left there.
+    """
 
     run: int
     trials: tuple[TrialVerification, ...]
     summary: tuple[Difference, ...] | None
+    unrecorded: tuple[str, ...] = ()
 
     @property
     def agrees(self) -> bool:
@@ -65,7 +70,14 @@ def verify_run(ledger: Ledger, run: RunRecord) -> Verification:
         run=run.number,
         trials=tuple(verify_trial(ledger.folder, run, trial) for trial in trials),
         summary=_verify_summary(run, trials, ledger.events(run.number)),
+        unrecorded=_unrecorded(ledger, run, trials),
     )
+
+
+def _unrecorded(ledger: Ledger, run: RunRecord, trials: Sequence[TrialRecord]) -> tuple[str, ...]:
+    named = {file.path for trial in trials for file in trial.raw.values()}
+    there = (path.relative_to(ledger.folder).as_posix() for path in ledger.raw_folder(run).glob("*"))
+    return tuple(sorted(path for path in there if path not in named))
 
 
 def verify_trial(folder: Path, run: RunRecord, trial: TrialRecord) -> TrialVerification:

@@ -95,6 +95,7 @@ def _run_trials(trials: Sequence[Trial], attempts: int, at: Workplace, listener:
         if trial.sheet and trial.sheet != mounted:
             listener.mount(trial.sheet, at.rig)
             mounted = trial.sheet
+            write_event(at.ledger, at.run.number, "sheet-laid", {"sheet": mounted})
         _until_good(trial, last_attempt(at.ledger, at.run.number, trial.number), attempts, at, listener)
 
 

@@ -67,8 +67,8 @@ def plan(protocol: Protocol, request: Request, design: Design, rig: RigConfig) -
     """The trials, each step checked against the rig's limits and valves.
 
     Raises:
-        BadInput: a pressure that this rig must not go to, a fiber without a valve, no trial at all, or not
-            numbered from 1.
+        BadInput: a pressure that this rig must not go to, a fiber without a valve, no trial at all, not numbered
+            from 1, or without steps or teardown.
         LabError: the protocol cannot make its plan.
     """
     check_fit(design, rig)
@@ -80,6 +80,11 @@ def plan(protocol: Protocol, request: Request, design: Design, rig: RigConfig) -
             f"{protocol.name}: its plan does not number its {len(trials)} trials from 1 on, in order"
         )
     for trial in trials:
+        if not trial.checklist.setup + trial.checklist.main or not trial.checklist.teardown:
+            raise BadInput(
+                f"{protocol.name}: trial {trial.number} has nothing to do or no teardown; every trial ends with "
+                "vent_and_unjam"
+            )
         for step in trial.checklist.steps:
             if step.pressure_psi is not None:
                 rig.limits.check_pressure(step.pressure_psi, rig.source)

@@ -167,3 +167,17 @@ def test_a_run_that_is_not_finished_has_no_summary_to_agree(trial, tmp_path):
 )
 def test_differences_are_named_by_where_they_are(stored, recomputed, where):
     assert [difference.where for difference in differences(stored, recomputed)] == where
+
+
+def test_files_that_no_attempt_is_recorded_with_are_named_and_count_nowhere(kept):
+    raw = next((kept / "raw").iterdir())
+    for name in ("trial-03-1.frames.parquet", "trial-03-2.pressures.parquet.unfinished"):
+        (raw / name).write_bytes(b"left by an end within a trial")
+
+    found = verified(kept)
+
+    assert found.unrecorded == (
+        f"raw/{raw.name}/trial-03-1.frames.parquet",
+        f"raw/{raw.name}/trial-03-2.pressures.parquet.unfinished",
+    )
+    assert found.agrees

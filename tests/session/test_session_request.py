@@ -160,3 +160,18 @@ def test_a_protocol_that_makes_no_plan_is_named_with_the_place(made):
 
     with pytest.raises(LabError, match=r"protocol 'five-trial' made no plan: \w+Error.*\.py, line \d+"):
         plan(protocol, complete(protocol, Asked(("sphere",)), DESIGN), DESIGN, rig())
+
+
+@pytest.mark.parametrize("missing", ["main", "teardown"])
+def test_a_trial_without_steps_or_without_a_teardown_is_refused(missing):
+    protocol = find_protocol("five-trial")
+
+    def cut(request, design, config):
+        (trial, *_) = protocol.plan(request, design, config)
+        checklist = trial.checklist
+        parts = {"main": replace(checklist, setup=(), main=()), "teardown": replace(checklist, teardown=())}
+        return (replace(trial, checklist=parts[missing]),)
+
+    request = complete(protocol, Asked(("sphere",), trials=1), DESIGN)
+    with pytest.raises(BadInput, match="nothing to do or no teardown"):
+        plan(replace(protocol, plan=cut), request, DESIGN, rig())
