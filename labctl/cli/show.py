@@ -1,5 +1,6 @@
 """`labctl show RUN`: everything that the ledger holds of a run."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 # Said by the table of trials already.
 _TOLD_BY_TRIALS = ("trial-begun",)
+_STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _LONGEST_DETAIL = 200
 
 
@@ -209,4 +211,6 @@ def _or_dash(value: float | None, decimals: int) -> str:
 
 def _say(text: str) -> None:
     # What was typed in another code page than the terminal's is shown as far as it can be.
-    click.echo(text.encode("utf-8", "surrogateescape").decode("utf-8", "replace"))
+    plain = text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+    # What was typed as a note must not steer the terminal of whoever reads it.
+    click.echo(_STEERING.sub("\N{REPLACEMENT CHARACTER}", plain))

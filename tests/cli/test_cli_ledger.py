@@ -190,3 +190,12 @@ def test_an_empty_ledger(tmp_path, capsys):
     LedgerWriter.open(tmp_path, not_a_word).close()
 
     assert "no runs yet" in said(capsys, "runs", "--ledger", tmp_path).out
+
+
+def test_a_note_does_not_steer_the_terminal(tmp_path, capsys):
+    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+        ledger.begin_run(a_run(rig=RIG, request=REQUEST, simulated_heights=(), note="two\nlines \x1b[2J\r ü"))
+
+    assert labctl(["show", "1", "--ledger", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    assert "two\nlines \ufffd[2J\ufffd ü" in told
