@@ -63,7 +63,7 @@ def attempt(trial: Trial, number: int, at: Workplace) -> Attempt:
         # What was recorded must reach the ledger, whatever its numbers do.
         except Exception as caught:
             error = error or caught
-    outcome, reason = _judge(at, performed, error, result)
+    outcome, reason = _judge(at, trial, performed, error, result)
     record = TrialRecord(
         run=at.run.number,
         number=trial.number,
@@ -133,7 +133,11 @@ def _derive(at: Workplace, trial: Trial, raw: Mapping[str, RawFile], windows: li
 
 
 def _judge(
-    at: Workplace, performed: Performed, error: BaseException | None, result: TrialResult | None
+    at: Workplace,
+    trial: Trial,
+    performed: Performed,
+    error: BaseException | None,
+    result: TrialResult | None,
 ) -> tuple[Outcome, str]:
     """What the attempt counts as, and why it is not good."""
     if error is None and at.stop.asked:
@@ -150,6 +154,10 @@ def _judge(
         return "failed", "no window of the recording was marked: the protocol measures nothing"
     if result.problems:
         return "failed", "; ".join(result.problems)
+    captured = {level.pressure_psi for level in result.levels}
+    missed = [f"{pressure_psi:g}" for pressure_psi in trial.pressures_psi if pressure_psi not in captured]
+    if missed:
+        return "failed", f"no window was captured at {', '.join(missed)} psi, which its plan has"
     return "good", ""
 
 

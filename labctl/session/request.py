@@ -14,6 +14,8 @@ from labctl.session.contract import Protocol, Request, Trial
 MOST_TRIALS = 1000
 # A watch that no trial could come out good of.
 SHORTEST_WATCH_S = FEWEST_SAMPLES * STRETCH_S
+# What is recorded in one go stays of a size that a laptop can read.
+LONGEST_WATCH_S = 6 * 3600.0
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,11 @@ def complete(protocol: Protocol, asked: Asked, design: Design) -> Request:
         raise BadInput(
             f"--watch {asked.watch_s:g} s is below {SHORTEST_WATCH_S:g} s: it gives fewer than {FEWEST_SAMPLES} "
             "heights, from which no time constant can be had"
+        )
+    if asked.watch_s is not None and asked.watch_s > LONGEST_WATCH_S:
+        raise BadInput(
+            f"--watch {asked.watch_s:g} s is above {LONGEST_WATCH_S:g} s; watch a sheet that creeps for longer in "
+            "several trials"
         )
     trials = protocol.trials if asked.trials is None else asked.trials
     return Request(

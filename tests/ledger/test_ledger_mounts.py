@@ -40,6 +40,7 @@ def test_a_ledger_on_a_network_file_system_is_refused(tmp_path, monkeypatch):
     info = tmp_path / "mountinfo"
     info.write_text(rf"1 1 0:1 / {tmp_path}/share rw - nfs4 nas:/lab rw" + "\n")
     monkeypatch.setattr(mounts, "_MOUNTS", info)
+    (tmp_path / "share").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "share")
 
     for folder in (tmp_path / "share" / "ledger", tmp_path / "link" / "ledger"):

@@ -116,6 +116,7 @@ def test_a_request_comes_back_from_json_and_makes_the_same_plan():
         ("five-trial", Asked(("sphere",), pressures_psi=(3.0, 3.5)), "takes 1 --pressure"),
         ("five-trial", Asked(("spher",)), "unknown pattern 'spher'"),
         ("five-trial", Asked(("sphere",), watch_s=5.0), "leave --watch out"),
+        ("relaxation", Asked(("sphere",), watch_s=1e9), "is above 21600 s"),
         ("relaxation", Asked(("sphere",), watch_s=1.0), "--watch 1 s is below 1.5 s"),
         ("layering", Asked(("sphere", "cylinder"), placement="neat"), "leave --placement out"),
         ("five-trial", Asked(("sphere",), pressures_psi=(4.2,)), "above the rig's limit of 4 psi"),

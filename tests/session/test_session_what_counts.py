@@ -76,3 +76,16 @@ def test_a_stop_during_the_teardown_is_no_good_trial(laboratory):
     (record,) = lab.told
     assert record.outcome == "aborted"
     assert record.safe["safe"] is True
+
+
+def test_a_planned_pressure_that_was_never_captured_is_no_good_trial(laboratory):
+    lab = laboratory()
+
+    with pytest.raises(RunFailed, match=r"no window was captured at 1\.5 psi"):
+        lab.run(
+            lab.prepared(trials=1, attempts=1),
+            change=lambda trials: with_steps(trials, main=lambda steps: steps[:-1]),
+        )
+
+    assert [record.outcome for record in lab.told] == ["failed"]
+    lab.assert_safe()
