@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from bowl import DESIGN, Bowl
 
 from labctl.clock import WallClock
-from labctl.config.design import Design, Fiber, SheetSpec
 from labctl.config.load import rig_from_text
 from labctl.doubles.faults import parse_faults
 from labctl.doubles.markers import DEFAULT_POINTS
 from labctl.doubles.serve import Doubles
 from labctl.doubles.settings import DoublesSettings
-from labctl.doubles.sheet import Ladder, Relaxation
+from labctl.doubles.sheet import Relaxation
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session.engine import Listener, conduct
@@ -22,30 +22,10 @@ from labctl.stop import StopRequest
 from protocols.five_trial import FIVE_TRIAL
 
 SPEED = 20.0
-DESIGN = Design(
-    "rod",
-    "rod.toml",
-    SheetSpec(140.0, "published", 3.9, 0.176),
-    (Fiber("rod", "top", (70.0, 10.0), (70.0, 130.0), 4),),
-    {"rod": frozenset({"rod"})},
-)
 MEASUREMENT = """
 [measurement]
 still_over = "1 s"
 """
-
-
-class Bowl:
-    """A sheet that rises with its strain, more at its rim."""
-
-    def ladder(self, jammed):
-        flat_mm = np.array([(point.x_mm, point.y_mm, 0.0) for point in DEFAULT_POINTS])
-        rise_mm = np.zeros_like(flat_mm)
-        rise_mm[:, 2] = np.hypot(flat_mm[:, 0] - 70, flat_mm[:, 1] - 70) / 10
-        return Ladder(np.array([0.0, 0.2]), np.array([flat_mm, flat_mm + rise_mm]))
-
-    def close(self):
-        pass
 
 
 def simulated_bowl(pattern, pressure_psi):
