@@ -7,6 +7,7 @@ table has 16 points at 2, 2.5, 3 and 3.5 psi. `labctl export RUN --format csv` w
 from labctl.config.design import Design
 from labctl.config.rig import RigConfig
 from labctl.session.contract import Checklist, Protocol, Request, Step, Takes, Trial
+from protocols.five_trial import alike
 from protocols.steps import (
     capture_baseline,
     capture_level,
@@ -32,16 +33,14 @@ def _staircase(pressures_psi: tuple[float, ...], rig: RigConfig) -> tuple[Step, 
 
 
 def _plan(request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
-    (pattern,), (placement,) = request.patterns, request.placements
+    (pattern,) = request.patterns
     pressures_psi = tuple(sorted(request.pressures_psi))
     checklist = Checklist(
         setup=(wait_until_relaxed(rig), capture_baseline(rig)),
         main=(jam(design.channels(pattern), pattern), *_staircase(pressures_psi, rig)),
         teardown=(vent_and_unjam(rig),),
     )
-    return tuple(
-        Trial(number, placement, pattern, pressures_psi, checklist) for number in range(1, request.trials + 1)
-    )
+    return alike(request, pressures_psi, checklist)
 
 
 CALIBRATION = Protocol(

@@ -35,12 +35,16 @@ def inflate_once(pattern: str, pressure_psi: float, design: Design, rig: RigConf
     )
 
 
+def alike(request: Request, pressures_psi: tuple[float, ...], checklist: Checklist) -> tuple[Trial, ...]:
+    """As many trials as were asked for of one pattern, each by the same checklist."""
+    (pattern,), (placement,) = request.patterns, request.placements
+    numbers = range(1, request.trials + 1)
+    return tuple(Trial(number, placement, pattern, pressures_psi, checklist) for number in numbers)
+
+
 def _plan(request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
-    (pattern,), (pressure_psi,), (placement,) = request.patterns, request.pressures_psi, request.placements
-    return tuple(
-        Trial(number, placement, pattern, (pressure_psi,), inflate_once(pattern, pressure_psi, design, rig))
-        for number in range(1, request.trials + 1)
-    )
+    (pattern,), (pressure_psi,) = request.patterns, request.pressures_psi
+    return alike(request, request.pressures_psi, inflate_once(pattern, pressure_psi, design, rig))
 
 
 FIVE_TRIAL = Protocol(
