@@ -31,7 +31,6 @@ from labctl.ledger.ledger import Ledger
 LABCTL = [sys.executable, "-m", "labctl"]
 LONGEST_LIFE_S = 12.0
 SAFE_WITHIN_S = 15.0
-TRIES = 3
 _TRIAL = re.compile(r"trial (\d+) of \d+: (.*)")
 _NUMBER = re.compile(r"trial \d+: | \(.*\)")
 _RUN = re.compile(r"run (\d+):")

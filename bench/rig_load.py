@@ -96,7 +96,6 @@ class Load:
     recorded: int
     lost: int
     cpu_percent: float
-    ticks: int
     late_p50_ms: float
     late_p99_ms: float
     late_max_ms: float
@@ -191,7 +190,6 @@ def record(config: RigConfig, seconds: float, folder: Path) -> Load:
         recorded=len(frames),
         lost=fit.lost,
         cpu_percent=100 * cpu_s / took_s,
-        ticks=len(late_ms),
         late_p50_ms=float(np.percentile(late_ms, 50)),
         late_p99_ms=float(np.percentile(late_ms, 99)),
         late_max_ms=float(late_ms.max()),

@@ -43,7 +43,6 @@ class AlicatModbus:
         self._on_tcp = on_tcp
         self._last_command = 0
         self._command_status = OK
-        self.power_up_setpoint_psi = 0.0
 
     def answer(self, pdu: bytes) -> bytes:
         """The reply PDU; acts on the request.
@@ -117,7 +116,7 @@ class AlicatModbus:
         elif command == 11:
             self._command_status = OK if argument == 4 else BAD_SETTING
         elif command == 12:
-            self.power_up_setpoint_psi = self._plant.state().setpoint_psi
+            # Kept for the next power-up; the double has none.
             self._command_status = OK
         elif command == 32767:
             self._command_status = self._readdress(argument)

@@ -121,14 +121,6 @@ class RawRecorder:
             f"{self._stem}.*{UNFINISHED}"
         ) from self._error
 
-    def abandon(self) -> None:
-        """End without a recording and remove what was begun; nothing happens after `finish` or a second time."""
-        if self._ended:
-            return
-        with suppress(RecordingFailed):
-            self._end_thread()
-        self._remove_files()
-
     def _end_thread(self) -> None:
         if self._ended:
             raise RecordingFailed(f"{self._folder / self._stem}: this recording was finished before")

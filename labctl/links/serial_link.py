@@ -105,17 +105,6 @@ class SerialLink:
             self._suspect = True
             self._port.write(request, deadline)
 
-    def drain(self, deadline: Deadline) -> int:
-        """Discard input until the line is quiet; returns the number of bytes discarded.
-
-        Raises:
-            NoAnswer: the link was not free, or the deadline was too short.
-            GarbledReply: bytes kept coming until the deadline.
-            LinkDown: the port is closed or gone.
-        """
-        with self._locked(b"", deadline):
-            return self._discard(deadline)
-
     def close(self) -> None:
         """Give the port back; may be called twice."""
         self._port.close()
@@ -152,10 +141,9 @@ class SerialLink:
         while not accepts(self._read_line(request, deadline)):
             pass
 
-    def _discard(self, deadline: Deadline) -> int:
-        discarded = len(self._held)
+    def _discard(self, deadline: Deadline) -> None:
         self._held = b""
-        return discarded + self._port.discard_until_quiet(self._quiet_s, deadline)
+        self._port.discard_until_quiet(self._quiet_s, deadline)
 
     def _wait_for_input(self, idle_s: float, request: bytes, deadline: Deadline) -> bool:
         idle = Deadline(self.clock, min(idle_s, deadline.remaining_s()))

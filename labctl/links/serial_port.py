@@ -89,8 +89,8 @@ class SerialPort:
         except OSError as error:
             raise self._broken(error) from error
 
-    def discard_until_quiet(self, quiet_s: float, deadline: Deadline) -> int:
-        """Throw input away until nothing has come for `quiet_s`; returns the number of bytes thrown away.
+    def discard_until_quiet(self, quiet_s: float, deadline: Deadline) -> None:
+        """Throw input away until nothing has come for `quiet_s`.
 
         Raises:
             GarbledReply: bytes kept coming until the deadline.
@@ -105,7 +105,7 @@ class SerialPort:
             if data and not deadline.expired:
                 continue
             if quiet.seconds >= quiet_s and not data:
-                return discarded
+                return
             if discarded:
                 raise GarbledReply(
                     f"{self.name}: {discarded} bytes came unasked and the line was not quiet for {quiet_s:g} "

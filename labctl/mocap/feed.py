@@ -24,8 +24,7 @@ class MarkerFeed:
     """A thread that reads the frames of a source, whose stream is started and stopped by who opened it.
 
     The newest `capacity` frames are kept, and the rest of the batch that the oldest of them came in. A read that
-    times out is counted in `silences`, a frame that was garbled in `garbled`; neither is the end. Any other error
-    is, and stands in `failure`.
+    times out and a frame that was garbled are not the end. Any other error is, and stands in `failure`.
 
     Args:
         source: the stream; while the feed runs nobody else may read it.
@@ -34,8 +33,6 @@ class MarkerFeed:
     """
 
     def __init__(self, source: MarkerSource, clock: Clock, capacity: int = CAPACITY) -> None:
-        self.silences = 0
-        self.garbled = 0
         self._source = source
         self._clock = clock
         self._capacity = capacity
@@ -135,11 +132,10 @@ class MarkerFeed:
             try:
                 self._keep(self._source.next_frames(READ_TIMEOUT_S))
             except NoAnswer:
-                self.silences += 1
                 # A source may refuse at once, without waiting for its time-out.
                 self._clock.sleep(_PAUSE_S)
             except GarbledReply:
-                self.garbled += 1
+                continue
             except Exception as error:  # whatever ends this thread must be seen by those who wait for frames
                 self._failure = error
                 return

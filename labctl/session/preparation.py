@@ -209,10 +209,6 @@ def _differences(before: Mapping[str, Any], after: Mapping[str, Any], path: str)
     return sorted(found)
 
 
-def _trial_words(placement: str, pattern: str, pressures_psi: Sequence[float]) -> str:
-    return f"{placement} {pattern} at {', '.join(f'{psi:g}' for psi in pressures_psi)} psi"
-
-
 def _by_place(value: Any) -> Any:  # noqa: ANN401 - whatever a configuration holds
     """A table of mappings as one mapping, so that of many points the one is named that differs."""
     if isinstance(value, (list, tuple)) and any(isinstance(item, Mapping) for item in value):

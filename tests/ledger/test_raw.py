@@ -148,20 +148,11 @@ def test_what_comes_under_its_name_meanwhile_is_not_overwritten(tmp_path):
     assert other.with_name(other.name + ".unfinished").exists()
 
 
-def test_an_abandoned_recording_leaves_nothing(tmp_path):
-    recorder = RawRecorder(tmp_path, STEM)
-    recorder.take_frames(batch([1]))
-    recorder.abandon()
-    recorder.abandon()
-    assert not list((tmp_path / STEM).parent.iterdir())
-    with pytest.raises(RecordingFailed, match="finished before"):
-        recorder.finish()
-
-
-def test_abandon_after_finish_leaves_the_files(tmp_path):
+def test_a_recording_is_finished_once(tmp_path):
     recorder = RawRecorder(tmp_path, STEM)
     raw = recorder.finish()
-    recorder.abandon()
+    with pytest.raises(RecordingFailed, match="finished before"):
+        recorder.finish()
     assert len(read_frames(tmp_path / raw["frames"].path)) == 0
     assert len(read_pressures(tmp_path / raw["pressures"].path)) == 0
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("recorder of")]
@@ -214,7 +205,7 @@ def test_a_disk_that_does_not_keep_up_does_not_fill_the_memory(tmp_path, monkeyp
         for _ in range(20):
             recorder.take_frames(batch([1] * 10))
     hold.set()
-    recorder.abandon()
+    recorder.finish()
 
 
 def test_damaged_files_are_told(tmp_path):

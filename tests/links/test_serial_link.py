@@ -156,12 +156,6 @@ def test_a_command_that_must_act_goes_out_even_on_a_suspect_line(serial_peer, wi
     assert link.suspect
 
 
-def test_drain_says_how_much_it_threw_away(serial_peer, wires, connect):
-    peer = serial_peer(wires.say(b"abc", after_s=0.05))
-    link = connect(peer, quiet_s=0.15)
-    assert link.drain(within(1)) == 3
-
-
 def test_a_port_has_one_owner(serial_peer, connect):
     peer = serial_peer()
     connect(peer)

@@ -172,12 +172,10 @@ def test_the_age_of_the_last_frame_is_by_the_clock(feed, stream, clock):
     assert feed.last_frame_age_s() == 0
 
 
-def test_silences_and_garbled_frames_are_counted_and_are_not_the_end(feed, stream):
+def test_silences_and_garbled_frames_are_not_the_end(feed, stream):
     stream.put(GarbledReply("frame out of step"))
     stream.put(NoAnswer("nothing for a while"))
     arrived(feed, stream, numbered(0))
-    assert feed.garbled == 1
-    assert feed.silences >= 1
     assert feed.failure is None
     assert times(feed.since(0)) == [0]
 
