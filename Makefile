@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 COMPUTING := tests/sim tests/evolve tests/evolution tests/report tests/ledger tests/measurement tests/statistics tests/export
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test test-commands test-rig test-computing check format bench-sim bench-evolve bench-protocols bench-kill bench-rig clean
+.PHONY: inflate test test-commands test-rig test-computing kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-rig clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -13,7 +13,8 @@ inflate: $(INSTALLED)  ## the main job, on the simulated rig
 # Tests on the doubles keep real deadlines and wait most of the time: two streams of them at once, of about the same length
 # (labctl run and report are in the second). Those that compute take what is left of the machine. Each stream tells its
 # whole story when it ends.
-test: $(INSTALLED) check  ## every check and every test
+test: $(INSTALLED)  ## every check and every test
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync check kernels
 	@$(MAKE) --no-print-directory --jobs 3 test-commands test-rig test-computing
 
 test-commands: $(INSTALLED)
@@ -26,6 +27,10 @@ test-computing: $(INSTALLED)
 	@$(call told_at_its_end,nice -n 19 $(BIN)/pytest -n 2 --dist loadfile $(COMPUTING))
 
 told_at_its_end = $(1) > .$@.log 2>&1; code=$$?; cat .$@.log; exit $$code
+
+kernels: $(INSTALLED)  ## the compiled simulator, which each stream of tests would else compile for itself
+	$(BIN)/python -c 'from sim.warm import compile_kernels as ready; [ready(print, solver, precision) \
+	  for solver in ("equilibrium", "dynamic") for precision in ("float32", "float64")]'
 
 check: $(INSTALLED)  ## style, types, who may import whom
 	$(BIN)/ruff check .

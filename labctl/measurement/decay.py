@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import OptimizeWarning, curve_fit
 
 # Three numbers are fitted, and the error of one is told.
 FEWEST_SAMPLES = 6
@@ -64,6 +63,9 @@ def fit_decay(time_s: Floats, height_mm: Floats) -> Decay | str:
 
 
 def _fit_all(time_s: Floats, height_mm: Floats) -> Decay | str:
+    # A third of a second, half of what a command needs to begin, and most have no decay to fit.
+    from scipy.optimize import OptimizeWarning, curve_fit
+
     since_s = time_s - time_s[0]
     shortest_s, longest_s = SHORTEST_STEPS * float(since_s[1]), float(since_s[-1])
     try:
