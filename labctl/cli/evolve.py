@@ -76,13 +76,20 @@ def _new_settings(wanted: Wanted) -> "list[Settings]":
 
 def _found_settings(wanted: Wanted, out_path: Path) -> "list[Settings]":
     """The settings of the runs to go on with."""
-    from labctl.evolution.evolved_run import run_folders
+    from labctl.evolution.choices import other_program
+    from labctl.evolution.evolved_run import check_seeds_of_one, run_folders
+    from labctl.evolution.running import seeds_of as seeds_of_runs
 
-    found = [folder.load()[0] for folder in run_folders(out_path)]
-    if not found:
+    folders = run_folders(out_path)
+    if not folders:
         raise BadInput(f"{out_path}: holds no run to resume: begin one without --resume")
-    _check_same(wanted, found)
-    return found
+    found = [(folder.path, folder.load()[0]) for folder in folders]
+    check_seeds_of_one(found)
+    first = found[0][1]
+    _check_same(wanted, first, seeds_of_runs(out_path, found))
+    if differ := other_program(first):
+        _say(f"the run was begun by another program ({differ}): it may not find the same any more")
+    return [settings for _, settings in found]
 
 
 def _planned(wanted: Wanted, out_path: Path, settings: "list[Settings]") -> "list[PlannedRun]":
@@ -93,10 +100,10 @@ def _planned(wanted: Wanted, out_path: Path, settings: "list[Settings]") -> "lis
     return begin_runs(out_path, settings, wanted.generations)
 
 
-def _check_same(wanted: Wanted, found: "list[Settings]") -> None:
+def _check_same(wanted: Wanted, first: "Settings", seeds: list[int]) -> None:
     """Options repeated beside --resume must be the run's own."""
     from evolve.settings import differences
-    from labctl.evolution.choices import settings_of
+    from labctl.evolution.choices import other_notes, settings_of
 
     given = [name for name in CHOICES if is_given(name)]
     if not given:
@@ -105,13 +112,12 @@ def _check_same(wanted: Wanted, found: "list[Settings]") -> None:
         raise click.UsageError(
             f"--resume goes on with the settings of the run: leave {flag(given[0])} out, or repeat the whole command"
         )
-    seeds = [settings.seed for settings in found]
-    if sorted(seeds_of(wanted)) != sorted(seeds):
+    if sorted(seeds_of(wanted)) != seeds:
         raise BadInput(
             f"{wanted.out_path}: the run has the seeds {', '.join(map(str, seeds))}: leave them out"
         )
-    asked = settings_of(choices_of(wanted), found[0].seed, _compile)
-    if differ := differences(asked, found[0]):
+    asked = settings_of(choices_of(wanted), first.seed, _compile)
+    if differ := differences(asked, first) + other_notes(asked, first):
         raise BadInput(
             f"{wanted.out_path}: holds a run with other settings, asked / there: {'; '.join(differ)}: leave them "
             "out, or begin another run in another folder"

@@ -13,6 +13,7 @@ from evolve.problem import Problem
 from evolve.selection import Crowding
 from evolve.settings import Settings
 from evolve.variation import DEFAULT_RATES, OPERATORS, PUBLISHED_RATES, Variation
+from evolve.workers.same_program import differences, program
 from labctl.config.design import Design
 from labctl.config.load import design_text, load_design, load_rig
 from labctl.config.schema_design import CHANNELS, SHORTEST_FIBER_MM
@@ -24,6 +25,7 @@ from sim.heights import Surface
 from sim.score import Alignment, Scoring
 
 ScoringName = Literal["default", "published"]
+_PROGRAM = "program"
 _VERSIONS_OF = ("labctl", "numpy", "scipy", "numba", "moocore")
 
 
@@ -85,6 +87,7 @@ def settings_of(choices: Choices, seed: int, compile_first: CompileFirst) -> Set
         "sheet": f"of design {design.name} ({design.source})",
         "design": {"source": design.source, "text": design_text(choices.design)},
         "channels": channels,
+        _PROGRAM: _program(),
         "versions": {"python": python_version()} | {name: version(name) for name in _VERSIONS_OF},
     }
     return Settings(
@@ -96,6 +99,22 @@ def settings_of(choices: Choices, seed: int, compile_first: CompileFirst) -> Set
         Variation(DEFAULT_RATES if choices.rates is None else dict(choices.rates)),
         notes,
     )
+
+
+def other_notes(one: Settings, other: Settings) -> list[str]:
+    """What differs, in words, in what a picked design is written by: the sheet's design and the rig's valves."""
+    texts = [(settings.notes.get("design") or {}).get("text") for settings in (one, other)]
+    found = ["the text of the design"] if texts[0] != texts[1] else []
+    ours, theirs = (settings.notes.get("channels") for settings in (one, other))
+    if ours != theirs:
+        found.append(f"valve channels ({ours} / {theirs})")
+    return found
+
+
+def other_program(settings: Settings) -> str:
+    """How the program that began a run differs from this one, in words; empty if it does not, or is not noted."""
+    noted = settings.notes.get(_PROGRAM)
+    return "" if noted is None else differences(_program(), noted)
 
 
 def _problem(choices: Choices, design: Design, compile_first: CompileFirst) -> Problem:
@@ -137,6 +156,11 @@ def parse_rates(text: str) -> dict[str, float]:
     if not isfinite(sum(rates.values())):
         raise BadInput(f"--rates {text!r}: the sum is too large a number; they are shares, 0.5 is as good")
     return rates
+
+
+def _program() -> dict[str, str]:
+    """What a search's result depends on beside its settings: that of the scores, and the library that ranks."""
+    return {**program(), "moocore": version("moocore")}
 
 
 def _channels(rig_path: str | None) -> list[int]:

@@ -103,9 +103,9 @@ def run_folders(path: Path) -> list[RunFolder]:
             return [RunFolder(path)]
         if not path.is_dir():
             return []
+        found = [(_ONE_SEED.fullmatch(entry.name), entry) for entry in path.iterdir()]
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror or error}; name another folder") from error
-    found = [(_ONE_SEED.fullmatch(entry.name), entry) for entry in path.iterdir()]
     seeds = sorted((int(name[1]), entry) for name, entry in found if name)
     return [RunFolder(entry) for _, entry in seeds if RunFolder(entry).begun]
 
@@ -118,12 +118,20 @@ def check_one_search(runs: Sequence[EvolvedRun]) -> None:
     """
     if not runs:
         raise BadInput("no run: name the folder of at least one")
-    for other in runs[1:]:
-        differ = [
-            each for each in differences(runs[0].settings, other.settings) if not each.startswith("seed (")
-        ]
+    check_seeds_of_one([(run.folder, run.settings) for run in runs])
+
+
+def check_seeds_of_one(found: Sequence[tuple[Path, Settings]]) -> None:
+    """Refuse folders whose settings differ in more than their seed.
+
+    Raises:
+        BadInput: two differ; says which and in what.
+    """
+    folder, settings = found[0]
+    for other, others in found[1:]:
+        differ = [each for each in differences(settings, others) if not each.startswith("seed (")]
         if differ:
             raise BadInput(
-                f"{runs[0].folder} and {other.folder} are not seeds of one search, they differ in "
-                f"{', '.join(differ)}: look at them apart"
+                f"{folder} and {other} are not seeds of one search, they differ in {', '.join(differ)}: name them "
+                "one by one"
             )

@@ -1,7 +1,8 @@
 """Runs of a search, one a seed: begun or taken up again, carried on, and kept."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from evolve.checkpoint import Checkpoint
@@ -12,6 +13,9 @@ from evolve.settings import Settings
 from evolve.workers.pool import Pool, Stopped
 from labctl.errors import BadInput
 from labctl.evolution.evolved_run import SEED_FOLDER, run_folders
+
+# The note of the seeds that were asked for together.
+SEEDS = "seeds"
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,9 @@ def begin_runs(path: Path, settings: Sequence[Settings], generations: int) -> li
     RunFolder(path).check_free()
     several = len(settings) > 1
     planned = []
-    for each in settings:
+    # In each, so that a start that is cut off can be made good.
+    seeds = {SEEDS: [each.seed for each in settings]} if several else {}
+    for each in (replace(one, notes={**one.notes, **seeds}) for one in settings):
         folder = RunFolder(path / f"{SEED_FOLDER}{each.seed}" if several else path)
         with folder.locked():
             folder.begin(each, generations)
@@ -47,25 +53,55 @@ def begin_runs(path: Path, settings: Sequence[Settings], generations: int) -> li
 def resume_runs(path: Path, generations: int | None) -> list[PlannedRun]:
     """The runs of a folder, to be gone on with; with more generations than they were begun with, if given.
 
+    Seeds that were asked for and not begun before the start was cut off are begun now.
+
     Raises:
         BadInput: one has gone further already.
-        EvolveError: a run.json or checkpoint cannot be used; nothing was overwritten.
+        EvolveError: another process works on one, or a run.json or checkpoint cannot be used; nothing was
+            overwritten.
     """
-    planned = []
-    for folder in run_folders(path):
-        settings, wanted = folder.load()
-        checkpoint = folder.checkpoint()
-        done = 0 if checkpoint is None else checkpoint.state.generation + 1
-        if generations is not None and generations < done:
-            raise BadInput(
-                f"{folder.path}: has {done} generations already, more than --generations {generations}: give more, "
-                "or leave it out"
-            )
-        planned.append(PlannedRun(folder, settings, wanted if generations is None else generations))
-    for run in planned:
-        with run.folder.locked():
+    with ExitStack() as locks:
+        folders = run_folders(path)
+        for folder in folders:
+            locks.enter_context(folder.locked())
+        planned = [_taken_up(folder, generations) for folder in folders]
+        for run in planned:
             run.folder.lengthen(run.generations)
-    return planned
+    return sorted((*planned, *_begun_late(path, planned)), key=lambda run: run.settings.seed)
+
+
+def seeds_of(path: Path, found: Sequence[tuple[Path, Settings]]) -> list[int]:
+    """The seeds that the runs found in a folder were asked for, begun or not; of a single run its own."""
+    folder, first = found[0]
+    asked: list[int] = [] if folder == path else first.notes.get(SEEDS, [])
+    return sorted({*asked, *(settings.seed for _, settings in found)})
+
+
+def _taken_up(folder: RunFolder, generations: int | None) -> PlannedRun:
+    settings, wanted = folder.load()
+    checkpoint = folder.checkpoint()
+    done = 0 if checkpoint is None else checkpoint.state.generation + 1
+    if generations is not None and generations < done:
+        raise BadInput(
+            f"{folder.path}: has {done} generations already, more than --generations {generations}: give more, or "
+            "leave it out"
+        )
+    return PlannedRun(folder, settings, wanted if generations is None else generations)
+
+
+def _begun_late(path: Path, planned: Sequence[PlannedRun]) -> list[PlannedRun]:
+    if not planned:
+        return []
+    first = planned[0]
+    missing = set(seeds_of(path, [(run.folder.path, run.settings) for run in planned]))
+    missing -= {run.settings.seed for run in planned}
+    late = []
+    for seed in sorted(missing):
+        folder, settings = RunFolder(path / f"{SEED_FOLDER}{seed}"), replace(first.settings, seed=seed)
+        with folder.locked():
+            folder.begin(settings, first.generations)
+        late.append(PlannedRun(folder, settings, first.generations))
+    return late
 
 
 def carry_on(run: PlannedRun, pool: Pool, clock: Clock, stopped: Stopped) -> Iterator[Checkpoint]:
