@@ -4,6 +4,7 @@ from evolve_doubles import member
 from evolve.choose import choose
 from evolve.errors import EvolveError
 from evolve.front import Front
+from evolve.selection import Member
 
 RANDOM_M = ((4e-3, 9e-3), (6e-3, 11e-3))
 
@@ -30,7 +31,10 @@ def test_the_knee_is_furthest_from_the_line_between_the_extremes():
 
 @pytest.mark.parametrize("rule", ["paper", "knee"])
 def test_of_equals_the_first_and_of_one_that_one(rule):
-    assert choose(front((1.0, 3.0), (2.0, 2.0), (3.0, 1.0)), RANDOM_M, rule).errors_m[0] in (1e-3, 2e-3)
+    # Multiples of a power of two, so that all three are equal to the last bit.
+    milli = 2.0**-10
+    equal = Front(tuple(Member(n, (), 0, (n * milli, (4 - n) * milli), "random") for n in (1, 2, 3)))
+    assert choose(equal, ((4 * milli, 8 * milli), (8 * milli, 16 * milli)), rule).id == 1
     assert choose(front((2.0, 3.0)), RANDOM_M, rule).errors_m == (2e-3, 3e-3)
 
 
