@@ -90,12 +90,17 @@ def targets_of(
     return tuple(targets)
 
 
+def _one_line(text: str) -> str:
+    """What a design takes as a pattern's name: a file may be called anything."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
+
 def _short_name(words: str, taken: set[str]) -> str:
     """A name for a pattern of a design: of a file its column or stem, of a shape its kind, of an equation "z"."""
     if "=" in words.split(":")[0]:
         name = "z"
     elif match := re.search(r"([^/\\:]+)\.csv(?::(.+))?$", words, re.IGNORECASE):
-        name = match[2] or match[1]
+        name = _one_line(match[2] or match[1]) or "shape"
     else:
         kind, _, argument = words.partition(":")
         name = argument if kind == "pattern" else kind
