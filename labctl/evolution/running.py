@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from evolve.checkpoint import Checkpoint
 from evolve.evaluation import Clock
@@ -73,8 +74,10 @@ def resume_runs(path: Path, generations: int | None) -> list[PlannedRun]:
 def seeds_of(path: Path, found: Sequence[tuple[Path, Settings]]) -> list[int]:
     """The seeds that the runs found in a folder were asked for, begun or not; of a single run its own."""
     folder, first = found[0]
-    asked: list[int] = [] if folder == path else first.notes.get(SEEDS, [])
-    return sorted({*asked, *(settings.seed for _, settings in found)})
+    noted: Any = first.notes.get(SEEDS)
+    # A note is whatever stands in a file.
+    asked = noted if isinstance(noted, list) and folder != path else []
+    return sorted({seed for seed in asked if type(seed) is int} | {settings.seed for _, settings in found})
 
 
 def _taken_up(folder: RunFolder, generations: int | None) -> PlannedRun:

@@ -55,6 +55,12 @@ def test_one_of_several_seeds_can_be_taken_up_alone(tmp_path, seeds):
     assert sorted(path.name for path in alone.iterdir()) == ["lock", SETTINGS]
 
 
+@pytest.mark.parametrize("note", [5, None, "1,2", ["2", None, 2.5]])
+def test_a_note_of_seeds_that_is_none_is_passed_over(tmp_path, seeds, note):
+    begin_runs(tmp_path / "a" / "seed-1", [replace(seeds[0], notes={"seeds": note})], 5)
+    assert [run.settings.seed for run in resume_runs(tmp_path / "a", None)] == [1]
+
+
 def test_no_seed_is_lengthened_while_another_process_works_on_one(tmp_path, seeds):
     begin_runs(tmp_path / "a", seeds, 5)
     with RunFolder(tmp_path / "a" / "seed-2").locked(), pytest.raises(EvolveError, match="another process"):
