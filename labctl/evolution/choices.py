@@ -103,7 +103,9 @@ def settings_of(choices: Choices, seed: int, compile_first: CompileFirst) -> Set
 
 def other_notes(one: Settings, other: Settings) -> list[str]:
     """What differs, in words, in what a picked design is written by: the sheet's design and the rig's valves."""
-    texts = [(settings.notes.get("design") or {}).get("text") for settings in (one, other)]
+    noted = [settings.notes.get("design") for settings in (one, other)]
+    # A note is whatever stands in a file.
+    texts = [design.get("text") if isinstance(design, Mapping) else None for design in noted]
     found = ["the text of the design"] if texts[0] != texts[1] else []
     ours, theirs = (settings.notes.get("channels") for settings in (one, other))
     if ours != theirs:
@@ -114,7 +116,7 @@ def other_notes(one: Settings, other: Settings) -> list[str]:
 def other_program(settings: Settings) -> str:
     """How the program that began a run differs from this one, in words; empty if it does not, or is not noted."""
     noted = settings.notes.get(_PROGRAM)
-    return "" if noted is None else differences(_program(), noted)
+    return differences(_program(), noted) if isinstance(noted, Mapping) else ""
 
 
 def _problem(choices: Choices, design: Design, compile_first: CompileFirst) -> Problem:

@@ -96,6 +96,13 @@ def test_a_run_knows_the_program_that_began_it():
     assert "moocore 0.0.1 there" in other_program(replace(settings, notes={"program": noted}))
 
 
+@pytest.mark.parametrize("note", ["a", 5, None, ["a"]])
+def test_notes_that_are_none_are_no_defect_of_the_program(seeds, note):
+    assert other_program(replace(seeds[0], notes={"program": note})) == ""
+    begun, damaged = (replace(seeds[0], notes={"design": each}) for each in ({"text": "a"}, note))
+    assert other_notes(begun, damaged) == ["the text of the design"]
+
+
 def test_a_folder_that_cannot_be_looked_into_is_no_full_disk(tmp_path, monkeypatch):
     def refuse(self):
         raise PermissionError(13, "Permission denied", str(self))
