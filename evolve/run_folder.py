@@ -75,8 +75,7 @@ class RunFolder:
             )
         if not self.path.is_dir():
             return
-        others = sorted(entry.name for entry in self.path.iterdir() if entry.name != LOCK)
-        others = [name for name in others if not name.endswith(".unfinished")]
+        others = sorted(entry.name for entry in self.path.iterdir() if not _left_by_a_start(entry))
         if others:
             raise EvolveError(
                 f"{self.path}: holds {others[0]} already, which is no run's: name an empty or new folder"
@@ -153,3 +152,10 @@ class RunFolder:
         head = {"format": FORMAT, "version": VERSION, "generations": generations}
         told = head | {"settings": settings_to_json(settings)}
         write_whole(self.path / SETTINGS, (json.dumps(told, indent=1) + "\n").encode())
+
+
+def _left_by_a_start(entry: Path) -> bool:
+    """Whether it is what a start leaves that was killed before its first run.json: one run's, or a seed's folder."""
+    if entry.is_dir():
+        return all(_left_by_a_start(inner) for inner in entry.iterdir())
+    return entry.name == LOCK or entry.name.endswith(".unfinished")

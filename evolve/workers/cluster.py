@@ -156,6 +156,12 @@ class Cluster:
                 f"the cluster at {self._address} cannot load this program ({type(error).__name__}: {error}): start "
                 "its scheduler and workers from this installation"
             )
+        if isinstance(error, OSError):
+            # Not a file of the run, which an OSError of this process would mean.
+            return WorkersLost(
+                f"a worker of the cluster at {self._address} failed ({type(error).__name__}: {error}): {_HELD}; look "
+                "into the workers' logs, then resume it"
+            )
         return error
 
     def _scheduler_lost(self) -> WorkersLost:

@@ -3,6 +3,7 @@ import os
 import time
 
 import pytest
+from distributed import LocalCluster
 
 from evolve.run_folder import RunFolder
 from labctl.cli.main import run
@@ -162,6 +163,15 @@ def test_a_killed_search_ends_as_if_nothing_had_been(searched, start, tmp_path, 
 
     assert "seed 4: going on from the last checkpoint" in capsys.readouterr().err
     assert (tmp_path / "b" / "population.json").read_bytes() == (folder / "population.json").read_bytes()
+
+
+def test_a_search_on_a_cluster_ends_as_on_this_machine(searched, tmp_path, capsys):
+    out = tmp_path / "b"
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", memory_limit=0) as cluster:
+        assert run(["evolve", *SEARCH, "--out", str(out), "--cluster", cluster.scheduler_address]) == 0, (
+            capsys.readouterr().err
+        )
+    assert (out / "population.json").read_bytes() == (searched[0] / "population.json").read_bytes()
 
 
 def test_ctrl_c_keeps_the_generations(start, tmp_path):

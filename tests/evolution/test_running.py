@@ -48,6 +48,30 @@ def test_a_start_that_was_cut_off_is_made_good(tmp_path, monkeypatch, seeds):
     assert [run.settings.digest for run in resume_runs(tmp_path / "a", None)] == [s.digest for s in seeds]
 
 
+def test_a_start_that_was_killed_before_it_wrote_anything_can_be_made_again(tmp_path, monkeypatch, seeds):
+    def killed(path, _):
+        path.with_name(f".{path.name}.unfinished").touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("evolve.run_folder.write_whole", killed)
+    with pytest.raises(KeyboardInterrupt):
+        begin_runs(tmp_path / "a", seeds, 5)
+    monkeypatch.undo()
+    assert {path.name for path in (tmp_path / "a" / "seed-1").iterdir()} == {
+        "lock",
+        f".{SETTINGS}.unfinished",
+    }
+    begin_runs(tmp_path / "a", seeds, 5)
+    assert generations_of(tmp_path / "a") == [5, 5, 5]
+
+
+def test_a_folder_with_files_of_its_own_is_no_start_that_was_killed(tmp_path, seeds):
+    (tmp_path / "a" / "seed-1").mkdir(parents=True)
+    (tmp_path / "a" / "seed-1" / "thesis.txt").touch()
+    with pytest.raises(EvolveError, match="holds seed-1 already, which is no run's"):
+        begin_runs(tmp_path / "a", seeds, 5)
+
+
 def test_one_of_several_seeds_can_be_taken_up_alone(tmp_path, seeds):
     begin_runs(tmp_path / "a", seeds, 5)
     alone = tmp_path / "a" / "seed-2"

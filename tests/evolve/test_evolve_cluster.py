@@ -234,6 +234,17 @@ def test_a_worker_that_cannot_load_the_program_is_refused(two, monkeypatch):
         pool.score(cheap_maps(4), never)
 
 
+def test_a_file_that_a_worker_misses_is_none_of_the_run(two, tmp_path):
+    missing = Cheap(seen=tmp_path / "nowhere")
+    with (
+        entered(missing, two) as pool,
+        pytest.raises(
+            WorkersLost, match=r"a worker of the cluster at tcp://.* failed \(FileNotFoundError: .*nowhere"
+        ),
+    ):
+        pool.score(cheap_maps(4), never)
+
+
 def test_the_program_is_known_by_every_source_and_its_name(tmp_path):
     (tmp_path / "deep").mkdir()
     (tmp_path / "deep" / "one.py").write_text("1")
