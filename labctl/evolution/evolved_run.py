@@ -1,7 +1,8 @@
 """A run of the evolution as it lies in its folder."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -98,16 +99,28 @@ def run_folders(path: Path) -> list[RunFolder]:
     Raises:
         BadInput: it cannot be looked into.
     """
-    try:
+    with looking_into(path):
         if RunFolder(path).begun:
             return [RunFolder(path)]
         if not path.is_dir():
             return []
         found = [(_ONE_SEED.fullmatch(entry.name), entry) for entry in path.iterdir()]
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be read: {error.strerror or error}; name another folder") from error
     seeds = sorted((int(name[1]), entry) for name, entry in found if name)
     return [RunFolder(entry) for _, entry in seeds if RunFolder(entry).begun]
+
+
+@contextmanager
+def looking_into(path: Path) -> Iterator[None]:
+    """Tell a folder that cannot be looked into, or one in it, as the wrong one to name.
+
+    Raises:
+        BadInput: what is inside raised an OSError.
+    """
+    try:
+        yield
+    except OSError as error:
+        where = error.filename or path
+        raise BadInput(f"{where}: cannot be read: {error.strerror or error}; name another folder") from error
 
 
 def check_one_search(runs: Sequence[EvolvedRun]) -> None:

@@ -13,7 +13,7 @@ from evolve.search import search
 from evolve.settings import Settings
 from evolve.workers.pool import Pool, Stopped
 from labctl.errors import BadInput
-from labctl.evolution.evolved_run import SEED_FOLDER, run_folders
+from labctl.evolution.evolved_run import SEED_FOLDER, looking_into, run_folders
 
 # The note of the seeds that were asked for together.
 SEEDS = "seeds"
@@ -32,13 +32,14 @@ def begin_runs(path: Path, settings: Sequence[Settings], generations: int) -> li
     """Write the settings of new runs: of one into the folder itself, of several into seed-1, seed-2, ... of it.
 
     Raises:
-        BadInput: the folder holds several runs already.
+        BadInput: the folder holds several runs already, or cannot be looked into.
         EvolveError: it holds another run or other files, or cannot be written.
     """
     if run_folders(path):
         raise BadInput(f"{path}: holds another run: go on with it by --resume, or name another folder")
     # Before anything is made in it, the lock included.
-    RunFolder(path).check_free()
+    with looking_into(path):
+        RunFolder(path).check_free()
     several = len(settings) > 1
     planned = []
     # In each, so that a start that is cut off can be made good.

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -134,3 +135,18 @@ def test_a_folder_that_cannot_be_looked_into_is_no_full_disk(tmp_path, monkeypat
     monkeypatch.setattr("pathlib.Path.iterdir", refuse)
     with pytest.raises(BadInput, match="cannot be read: Permission denied"):
         resume_runs(tmp_path, None)
+
+
+def test_a_folder_with_another_that_cannot_be_looked_into_is_no_full_disk(tmp_path, monkeypatch, seeds):
+    private, list_folder = tmp_path / "private", Path.iterdir
+    private.mkdir()
+
+    def refuse(self):
+        if self == private:
+            raise PermissionError(13, "Permission denied", str(self))
+        return list_folder(self)
+
+    monkeypatch.setattr("pathlib.Path.iterdir", refuse)
+    with pytest.raises(BadInput, match="private: cannot be read: Permission denied; name another folder"):
+        begin_runs(tmp_path, seeds, 5)
+    assert [path.name for path in list_folder(tmp_path)] == ["private"]
