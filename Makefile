@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-COMPUTING := tests/sim tests/evolve tests/evolution tests/report tests/ledger tests/measurement tests/statistics tests/export
+COMPUTING := tests/sim tests/evolve tests/design_search tests/report tests/ledger tests/measurement tests/statistics tests/export
 INSTALLED := $(VENV)/.installed
 
 .PHONY: inflate test test-commands test-rig test-computing kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-rig clean

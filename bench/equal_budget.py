@@ -30,7 +30,7 @@ from evolve.selection import Member
 from evolve.workers.local import Here, Processes
 from evolve.workers.pool import Pool
 from labctl.config.load import load_design
-from labctl.simulation import sheet_of
+from labctl.simulation.patterns import sheet_of
 from sim.geometry import geometry
 from sim.shape import Failure
 from sim.targets.target import Target

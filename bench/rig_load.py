@@ -27,9 +27,9 @@ from labctl.doubles.markers import MarkerSettings
 from labctl.doubles.serve import Doubles
 from labctl.doubles.settings import DoublesSettings
 from labctl.doubles.sheet import Ladder
-from labctl.ledger.raw import RawRecorder, read_frames
+from labctl.instruments.readings import MarkerFrames
+from labctl.ledger.raw.recording import RawRecorder, read_frames
 from labctl.measurement.clock_fit import fit_clock
-from labctl.readings import MarkerFrames
 from labctl.rig import Rig
 from labctl.safety.supervisor import POLL_PERIOD_S
 from labctl.stop import StopRequest

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from evolve.afpo import Errors
 from evolve.genome import Genome
 from evolve.problem import MapScore, Problem, VoxelMap
-from evolve.workers.pool import Pool, Stopped
+from evolve.workers.pool import Pool, ShouldStop
 
 # Seconds that only ever go forward.
-Clock = Callable[[], float]
+Seconds = Callable[[], float]
 
 
 @dataclass
@@ -36,8 +36,8 @@ class Evaluation:
 
     problem: Problem
     pool: Pool
-    stopped: Stopped
-    clock: Clock
+    stopped: ShouldStop
+    clock: Seconds
     counts: Counts = field(default_factory=Counts)
     _known: dict[bytes, MapScore] = field(default_factory=dict)
 

@@ -8,11 +8,11 @@ import numpy as np
 from evolve.afpo import Afpo
 from evolve.checkpoint import Checkpoint, GenerationRecord
 from evolve.errors import EvolveError
-from evolve.evaluation import Clock, Evaluation
+from evolve.evaluation import Evaluation, Seconds
 from evolve.front import Front
 from evolve.random_layouts import random_genome
 from evolve.settings import Settings
-from evolve.workers.pool import Pool, Stopped
+from evolve.workers.pool import Pool, ShouldStop
 
 # How many random layouts the paper compares its designs with (Parsa et al., RoboSoft 2023, fig. 2).
 RANDOM_LAYOUTS = 100
@@ -27,8 +27,8 @@ def search(
     generations: int,
     pool: Pool,
     keep: Keep,
-    clock: Clock,
-    stopped: Stopped = lambda: False,
+    clock: Seconds,
+    stopped: ShouldStop = lambda: False,
     begun: Checkpoint | None = None,
 ) -> Iterator[Checkpoint]:
     """Search through so many generations, the first random one included; yields each checkpoint after `keep` has it.

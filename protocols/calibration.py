@@ -6,8 +6,8 @@ table has 16 points at 2, 2.5, 3 and 3.5 psi. `labctl export RUN --format csv` w
 
 from labctl.config.design import Design
 from labctl.config.rig import RigConfig
-from labctl.session.contract import Checklist, Protocol, Request, Step, Takes, Trial
-from protocols.five_trial import alike
+from labctl.session.contract import AllowedCounts, Checklist, Protocol, RunRequest, Step, Trial
+from protocols.five_trial import repeated_trials
 from protocols.steps import (
     capture_baseline,
     capture_level,
@@ -32,7 +32,7 @@ def _staircase(pressures_psi: tuple[float, ...], rig: RigConfig) -> tuple[Step, 
     return tuple(steps)
 
 
-def _plan(request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
+def _plan(request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
     (pattern,) = request.patterns
     pressures_psi = tuple(sorted(request.pressures_psi))
     checklist = Checklist(
@@ -40,7 +40,7 @@ def _plan(request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]
         main=(jam(design.channels(pattern), pattern), *_staircase(pressures_psi, rig)),
         teardown=(vent_and_unjam(rig),),
     )
-    return alike(request, pressures_psi, checklist)
+    return repeated_trials(request, pressures_psi, checklist)
 
 
 CALIBRATION = Protocol(
@@ -49,5 +49,5 @@ CALIBRATION = Protocol(
     pressures_psi=(2.0, 2.5, 3.0, 3.5),
     trials=5,
     plan=_plan,
-    takes=Takes(pressures=(1, 20)),
+    allowed=AllowedCounts(pressures=(1, 20)),
 )

@@ -6,7 +6,7 @@ markers hide at more), heights at 16 points, averaged over five trials.
 
 from labctl.config.design import Design
 from labctl.config.rig import RigConfig
-from labctl.session.contract import Checklist, Protocol, Request, Trial
+from labctl.session.contract import Checklist, Protocol, RunRequest, Trial
 from protocols.steps import (
     capture_baseline,
     capture_level,
@@ -35,16 +35,18 @@ def inflate_once(pattern: str, pressure_psi: float, design: Design, rig: RigConf
     )
 
 
-def alike(request: Request, pressures_psi: tuple[float, ...], checklist: Checklist) -> tuple[Trial, ...]:
+def repeated_trials(
+    request: RunRequest, pressures_psi: tuple[float, ...], checklist: Checklist
+) -> tuple[Trial, ...]:
     """As many trials as were asked for of one pattern, each by the same checklist."""
     (pattern,), (placement,) = request.patterns, request.placements
     numbers = range(1, request.trials + 1)
     return tuple(Trial(number, placement, pattern, pressures_psi, checklist) for number in numbers)
 
 
-def _plan(request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
+def _plan(request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
     (pattern,), (pressure_psi,) = request.patterns, request.pressures_psi
-    return alike(request, request.pressures_psi, inflate_once(pattern, pressure_psi, design, rig))
+    return repeated_trials(request, request.pressures_psi, inflate_once(pattern, pressure_psi, design, rig))
 
 
 FIVE_TRIAL = Protocol(

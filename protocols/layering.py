@@ -7,7 +7,7 @@ from itertools import product
 
 from labctl.config.design import Design
 from labctl.config.rig import RigConfig
-from labctl.session.contract import Protocol, Request, Takes, Trial
+from labctl.session.contract import AllowedCounts, Protocol, RunRequest, Trial
 from protocols.five_trial import inflate_once
 
 
@@ -17,7 +17,7 @@ def both_orders(patterns: tuple[str, ...]) -> tuple[str, ...]:
     return f"{first} on {second}", f"{second} on {first}"
 
 
-def _plan(request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
+def _plan(request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
     """One sheet after the other; on each, the patterns take turns."""
     (pressure_psi,) = request.pressures_psi
     kinds = product(request.placements, range(request.trials), request.patterns)
@@ -40,6 +40,6 @@ LAYERING = Protocol(
     pressures_psi=(3.9,),
     trials=5,
     plan=_plan,
-    takes=Takes(patterns=(2, 2)),
+    allowed=AllowedCounts(patterns=(2, 2)),
     placements=both_orders,
 )

@@ -7,11 +7,11 @@ from itertools import product
 
 from labctl.config.design import Design
 from labctl.config.rig import RigConfig
-from labctl.session.contract import Protocol, Request, Takes, Trial
+from labctl.session.contract import AllowedCounts, Protocol, RunRequest, Trial
 from protocols.five_trial import inflate_once
 
 
-def _plan(request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
+def _plan(request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
     """All pressures once, then all again: what drifts over the hour falls on every pressure alike."""
     (pattern,), (placement,) = request.patterns, request.placements
     rounds = product(range(request.trials), request.pressures_psi)
@@ -27,5 +27,5 @@ PRESSURE_SWEEP = Protocol(
     pressures_psi=(2.6, 3.0, 3.5, 3.9),
     trials=5,
     plan=_plan,
-    takes=Takes(pressures=(1, 20)),
+    allowed=AllowedCounts(pressures=(1, 20)),
 )

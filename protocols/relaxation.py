@@ -8,18 +8,18 @@ from dataclasses import replace
 from labctl.config.design import Design
 from labctl.config.rig import RigConfig
 from labctl.errors import BadInput
-from labctl.session.contract import Protocol, Request, Trial
-from protocols.five_trial import alike, inflate_once
+from labctl.session.contract import Protocol, RunRequest, Trial
+from protocols.five_trial import inflate_once, repeated_trials
 from protocols.steps import vent_and_unjam, watch_the_sheet_relax
 
 
-def _plan(request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
+def _plan(request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
     (pattern,), (pressure_psi,) = request.patterns, request.pressures_psi
     if request.watch_s is None:
         raise BadInput("relaxation needs a time to watch the sheet for after venting: --watch '2 min'")
     once = inflate_once(pattern, pressure_psi, design, rig)
     checklist = replace(once, main=(*once.main, vent_and_unjam(rig), watch_the_sheet_relax(request.watch_s)))
-    return alike(request, request.pressures_psi, checklist)
+    return repeated_trials(request, request.pressures_psi, checklist)
 
 
 RELAXATION = Protocol(

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from labctl.config.rig import RigConfig
 from labctl.errors import InstrumentError, Unsafe
+from labctl.instruments.readings import PressureReading
 from labctl.measurement.windows import Window
 from labctl.mocap.window import average
-from labctl.readings import PressureReading
 from labctl.session.contract import Bench, Step
 
 # A fortieth of the usual inflation: what is left of it moves no marker by more than the noise.

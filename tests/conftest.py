@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from labctl.config.design import Design, Fiber, SheetSpec
-from labctl.subject import Simulated, pattern_subject
+from labctl.simulation.subject import Simulated, pattern_subject
 from sim.sheet import rest_positions_m
 
 

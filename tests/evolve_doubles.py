@@ -14,7 +14,7 @@ from evolve.genome import FiberGene, Genome
 from evolve.problem import MapScore, Physics, Problem, VoxelMap
 from evolve.selection import Member
 from evolve.settings import Settings
-from evolve.workers.pool import Stopped, check
+from evolve.workers.pool import ShouldStop, check
 from sim.geometry import PUBLISHED
 from sim.materials import JAMMED
 from sim.targets.shapes import monkey_saddle, saddle, sphere_cap
@@ -73,7 +73,7 @@ class FormulaPool:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def score(self, maps: Sequence[VoxelMap], stopped: Stopped) -> list[MapScore]:
+    def score(self, maps: Sequence[VoxelMap], stopped: ShouldStop) -> list[MapScore]:
         check(stopped)
         self.asked += maps
         return [formula(voxel_map, self.patterns) for voxel_map in maps]
@@ -104,7 +104,7 @@ class KillsOnce(FormulaProblem):
 
 @dataclass(frozen=True, eq=False)
 class Slow(FormulaProblem):
-    """Takes `seconds` for a map, and leaves the number of its process in `folder`."""
+    """AllowedCounts `seconds` for a map, and leaves the number of its process in `folder`."""
 
     seconds: float = 0.1
     folder: str = ""

@@ -16,13 +16,13 @@ from labctl.config.rig import (
     RigConfig,
     ValvesConfig,
 )
-from labctl.ledger.raw import RawRecorder
+from labctl.instruments.readings import MarkerFrames, PressureReading, PressureSample, PressureSamples
+from labctl.ledger.raw.recording import RawRecorder
 from labctl.ledger.records import EventRecord, Moment, RawFile, RunRecord, TrialRecord
 from labctl.ledger.writer import LedgerWriter
 from labctl.measurement.result import ClockFit, LevelResult, RelaxationResult, TrialResult
 from labctl.measurement.windows import Window
 from labctl.mocap.transfer import transfer_error
-from labctl.readings import MarkerFrames, PressureReading, PressureSample, PressureSamples
 
 _INNER_MM = (52.5, 87.5)
 _ALL_MM = (17.5, 52.5, 87.5, 122.5)

@@ -6,13 +6,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from labctl.config.rig import MarkerPoint
-from labctl.ledger.raw import RawRecorder
+from labctl.instruments.readings import MarkerFrames, PressureReading, PressureSample, PressureSamples
+from labctl.ledger.raw.recording import RawRecorder
 from labctl.ledger.records import Moment, RunRecord, TrialRecord
 from labctl.measurement.basis import Basis
 from labctl.measurement.codec import basis_of, to_json
 from labctl.measurement.derive import derive
 from labctl.measurement.windows import Window
-from labctl.readings import MarkerFrames, PressureReading, PressureSample, PressureSamples
 
 SHEET_MM = np.array(
     [

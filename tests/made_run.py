@@ -12,7 +12,7 @@ from evolve.genome import FiberGene
 from evolve.problem import Physics, Problem
 from evolve.selection import Member
 from evolve.settings import Settings
-from labctl.evolution.evolved_run import EvolvedRun
+from labctl.design_search.search_run import SearchRun
 from sim.geometry import PUBLISHED
 from sim.targets.shapes import monkey_saddle, saddle, sphere_cap
 
@@ -62,4 +62,4 @@ def run(*fronts_mm, names=("saddle", "monkey"), seed=1, records=3, random_mm=(9.
     )
     state = AfpoState(records - 1, 20, members, {}, {})
     checkpoint = Checkpoint(state, Front(members), told, random_m)
-    return EvolvedRun(Path(f"seed-{seed}"), settings(names, seed, **more), 3, checkpoint)
+    return SearchRun(Path(f"seed-{seed}"), settings(names, seed, **more), 3, checkpoint)

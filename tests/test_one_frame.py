@@ -10,12 +10,12 @@ import pytest
 
 from labctl.config.design import Design
 from labctl.config.load import load_design, load_rig
-from labctl.doubles.gap import NO_GAP
 from labctl.doubles.markers import MarkerSettings
+from labctl.doubles.reality_gap import NO_GAP
 from labctl.doubles.serve import Doubles
 from labctl.doubles.settings import DoublesSettings
 from labctl.rig import Rig
-from labctl.simulation import sheet_of, simulate_pattern
+from labctl.simulation.patterns import sheet_of, simulate_pattern
 from labctl.stop import StopRequest
 from protocols.inflate import InflateOrder, inflate
 from sim.materials import JAMMED, UNJAMMED

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from evolve.errors import EvolveError, WorkersLost
 from evolve.problem import MapScore, Problem, VoxelMap
-from evolve.workers.pool import Stopped, check
+from evolve.workers.pool import ShouldStop, check
 from evolve.workers.same_program import program
 from evolve.workers.scheduler import check_address, check_scheduler, no_answer, silence
 
@@ -71,7 +71,7 @@ class Cluster:
     def __exit__(self, *_: object) -> None:
         self._open.close()
 
-    def score(self, maps: Sequence[VoxelMap], stopped: Stopped) -> list[MapScore]:
+    def score(self, maps: Sequence[VoxelMap], stopped: ShouldStop) -> list[MapScore]:
         """As `evolve.workers.pool.Pool.score`.
 
         A worker that dies loses nothing: others do its maps again.
@@ -104,7 +104,7 @@ class Cluster:
                 task.release()
 
     def _collected(
-        self, tasks: dict[Any, int], finished: "SimpleQueue[Any]", stopped: Stopped
+        self, tasks: dict[Any, int], finished: "SimpleQueue[Any]", stopped: ShouldStop
     ) -> list[MapScore]:
         scores: dict[int, list[MapScore]] = {}
         self._seen_s = time.monotonic()

@@ -12,7 +12,7 @@ from typing import Self
 
 from evolve.errors import EvolveError, WorkersLost
 from evolve.problem import MapScore, Problem, VoxelMap
-from evolve.workers.pool import Stopped, check
+from evolve.workers.pool import ShouldStop, check
 
 _MAPS_A_TASK = 2
 _LOOK_S = 0.2
@@ -32,7 +32,7 @@ class Here:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def score(self, maps: Sequence[VoxelMap], stopped: Stopped) -> list[MapScore]:
+    def score(self, maps: Sequence[VoxelMap], stopped: ShouldStop) -> list[MapScore]:
         """As `evolve.workers.pool.Pool.score`."""
         scores = []
         for voxel_map in maps:
@@ -63,7 +63,7 @@ class Processes:
         # Waited for here, where the caller still holds signals back: at Python's end a Ctrl-C would tear it.
         self._drop(wait=True)
 
-    def score(self, maps: Sequence[VoxelMap], stopped: Stopped) -> list[MapScore]:
+    def score(self, maps: Sequence[VoxelMap], stopped: ShouldStop) -> list[MapScore]:
         """As `evolve.workers.pool.Pool.score`."""
         scores: dict[int, MapScore] = {}
         breaks = 0
@@ -81,7 +81,9 @@ class Processes:
                 self._executor = self._start()
         return [scores[n] for n in range(len(maps))]
 
-    def _score_missing(self, maps: Sequence[VoxelMap], scores: dict[int, MapScore], stopped: Stopped) -> None:
+    def _score_missing(
+        self, maps: Sequence[VoxelMap], scores: dict[int, MapScore], stopped: ShouldStop
+    ) -> None:
         assert self._executor is not None  # noqa: S101 - a pool is used inside its `with` only
         missing = [n for n in range(len(maps)) if n not in scores]
         tasks: dict[Future[list[MapScore]], list[int]] = {}

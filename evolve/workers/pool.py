@@ -7,7 +7,7 @@ from evolve.errors import SearchStopped
 from evolve.problem import MapScore, VoxelMap
 
 # Whether somebody has asked for a stop; looked at between any two results.
-Stopped = Callable[[], bool]
+ShouldStop = Callable[[], bool]
 
 
 class Pool(Protocol):
@@ -21,7 +21,7 @@ class Pool(Protocol):
         """Let them go; what they still do is dropped."""
         ...
 
-    def score(self, maps: Sequence[VoxelMap], stopped: Stopped) -> list[MapScore]:
+    def score(self, maps: Sequence[VoxelMap], stopped: ShouldStop) -> list[MapScore]:
         """One score for each map, in order, whoever made it and whenever it came.
 
         Raises:
@@ -31,7 +31,7 @@ class Pool(Protocol):
         ...
 
 
-def check(stopped: Stopped) -> None:
+def check(stopped: ShouldStop) -> None:
     """Raise when a stop was asked for.
 
     Raises:

@@ -23,9 +23,9 @@ from labctl.cli.rigs import design_option, json_option
 @json_option
 def compare(pattern: str, measured: Path, points: int, design_name: str, as_json: bool) -> None:
     """For every measured pressure: the inflation that fits best, the mean height error, and e_t."""
-    from labctl.comparison import fit_inflation
     from labctl.config.load import load_design
-    from labctl.mocap.measured import read_measured
+    from labctl.simulation.inflation_fit import fit_inflation
+    from labctl.simulation.measured_heights import read_measured
     from sim.warm import compile_kernels
 
     design = load_design(design_name)

@@ -13,7 +13,7 @@ from labctl.cli.rigs import chosen_rig, json_option, rig_option
 if TYPE_CHECKING:
     from labctl.clock import Clock
     from labctl.config.rig import RigConfig
-    from labctl.readings import Identity
+    from labctl.instruments.readings import Identity
 
 _MARKER_LOOK_S = 1.0
 
@@ -134,8 +134,8 @@ def _valves(config: "RigConfig", wall: "Clock") -> list[Finding]:
 
 def _markers(config: "RigConfig", wall: "Clock") -> list[Finding]:
     from labctl.drivers.opening import open_markers
-    from labctl.mocap.feed import MarkerFeed
     from labctl.mocap.window import average
+    from labctl.rig.marker_feed import MarkerFeed
 
     source = open_markers(config.markers, wall, wall)
     feed = MarkerFeed(source, wall)

@@ -125,8 +125,8 @@ def serve(
     from labctl.cli.interrupts import stop_on_signals
     from labctl.config.load import load_design
     from labctl.doubles.faults import parse_faults
-    from labctl.doubles.gap_words import parse_gap
     from labctl.doubles.markers import MarkerSettings
+    from labctl.doubles.parse_gap import parse_gap
     from labctl.doubles.serve import Doubles
     from labctl.doubles.settings import DoublesSettings
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from labctl.cli.ledgers import keep_out_of_ledger, ledger_option, tell
-from labctl.cli.named_path import NamedPath
+from labctl.cli.non_empty_path import NonEmptyPath
 from labctl.cli.output import emit_json
 from labctl.cli.rigs import json_option
 
@@ -28,7 +28,7 @@ _FORMATS: "tuple[Format, ...]" = ("csv", "parquet", "c3d")
 @click.option(
     "--out",
     "out_path",
-    type=NamedPath(),
+    type=NonEmptyPath(),
     help="The folder, which must not be there yet.  [default: run-RUN-FORMAT]",
 )
 @ledger_option

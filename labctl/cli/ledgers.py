@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from labctl.cli.named_path import NamedPath
+from labctl.cli.non_empty_path import NonEmptyPath
 from labctl.errors import BadInput
 
 
@@ -15,7 +15,7 @@ def ledger_option(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.option(
         "--ledger",
         "ledger_folder",
-        type=NamedPath(),
+        type=NonEmptyPath(),
         default=Path("ledger"),
         show_default=True,
         envvar="LABCTL_LEDGER",

@@ -20,10 +20,14 @@ from labctl.errors import LabError
 # Name -> (module, attribute, one line of help): `labctl --help` must not import what the commands need.
 COMMANDS = {
     "inflate": ("labctl.cli.inflate", "inflate", "Stiffen a pattern, inflate, measure, compare, vent."),
-    "run": ("labctl.cli.run", "run", "A scripted measurement: five-trial, relaxation, calibration, ..."),
-    "pause": ("labctl.cli.run_control", "pause", "Let the run that goes on wait after its trial."),
-    "resume": ("labctl.cli.run_control", "resume", "Let a paused run go on."),
-    "abort": ("labctl.cli.run_control", "abort", "End the run that goes on, to SAFE."),
+    "run": (
+        "labctl.cli.run.command",
+        "run",
+        "A scripted measurement: five-trial, relaxation, calibration, ...",
+    ),
+    "pause": ("labctl.cli.run.control", "pause", "Let the run that goes on wait after its trial."),
+    "resume": ("labctl.cli.run.control", "resume", "Let a paused run go on."),
+    "abort": ("labctl.cli.run.control", "abort", "End the run that goes on, to SAFE."),
     "runs": ("labctl.cli.runs", "runs", "The runs in the ledger, and how each stands."),
     "show": ("labctl.cli.show", "show", "Everything about a run: trials, numbers, events, provenance."),
     "verify": ("labctl.cli.verify", "verify", "Recompute every number of a run from its raw files."),
@@ -33,7 +37,7 @@ COMMANDS = {
     "status": ("labctl.cli.status", "status", "What the instruments read now; changes nothing."),
     "doctor": ("labctl.cli.doctor", "doctor", "Who is connected and which protections this rig really has."),
     "simulate": ("labctl.cli.simulate", "simulate", "The shape of a pattern or of a voxel file."),
-    "evolve": ("labctl.cli.evolve", "evolve", "Search for fiber layouts that take several shapes."),
+    "evolve": ("labctl.cli.evolve.command", "evolve", "Search for fiber layouts that take several shapes."),
     "compare": ("labctl.cli.compare", "compare", "Measured heights against a pattern's simulation."),
     "doubles": ("labctl.cli.doubles", "doubles", "Byte-level doubles of the instruments."),
 }

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from labctl.telling import Teller
+from labctl.nonblocking_output import NonBlockingOutput
 
 SIMULATED = "SIMULATED RIG: byte-level doubles answer; no real instrument is connected"
 
@@ -50,7 +50,7 @@ class ProgressLine:
         self._quiet = quiet and not self._live
         self._step = ""
         self._width = 0
-        self._teller = Teller(self._write)
+        self._teller = NonBlockingOutput(self._write)
 
     def __enter__(self) -> "ProgressLine":
         return self

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from labctl.cli.ledgers import keep_out_of_ledger, ledger_option, tell
-from labctl.cli.named_path import NamedPath
+from labctl.cli.non_empty_path import NonEmptyPath
 from labctl.cli.output import emit_json
 from labctl.cli.rigs import json_option
 
@@ -15,7 +15,7 @@ from labctl.cli.rigs import json_option
 @click.option(
     "--out",
     "out_path",
-    type=NamedPath(),
+    type=NonEmptyPath(),
     help="The page; one that is there is replaced.  [default: report-RUN.html]",
 )
 @ledger_option
@@ -25,8 +25,8 @@ def report(runs: tuple[str, ...], out_path: Path | None, ledger_folder: Path, as
 
     RUN is a run's number, or "last". Several runs are put side by side, and compared where they can be.
     """
-    from labctl.report.run_page import write_run_page
-    from labctl.report.run_reading import read_views
+    from labctl.report.run.page import write_run_page
+    from labctl.report.run.reading import read_views
 
     views = read_views(ledger_folder, runs, tell)
     for view in views:

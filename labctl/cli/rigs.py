@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.named_path import NamedPath
+from labctl.cli.non_empty_path import NonEmptyPath
 from labctl.cli.outcome import Outcome
 from labctl.clock import WallClock
 from labctl.config.rig import RigConfig
@@ -34,7 +34,7 @@ def rig_option(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.option(
         "--rig",
         "rig_path",
-        type=NamedPath(),
+        type=NonEmptyPath(),
         help="The rig's configuration, rig.toml. Without it: doubles, started for this command.",
     )(command)
 

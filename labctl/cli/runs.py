@@ -37,8 +37,8 @@ def runs(ledger_folder: Path, as_json: bool) -> None:
 
     It can be asked while a run is being measured.
     """
-    from labctl.ledger.agreement import rows_in_words
     from labctl.ledger.ledger import Ledger
+    from labctl.ledger.store.agreement import format_rows
 
     with Ledger.open(ledger_folder, tell) as ledger:
         lines = [_line(ledger, run) for run in ledger.runs()]
@@ -56,7 +56,7 @@ def runs(ledger_folder: Path, as_json: bool) -> None:
     else:
         click.echo(f"{ledger_folder}: no runs yet")
     for detail in lost:
-        rows = rows_in_words({int(seq): what for seq, what in detail["rows"].items()})
+        rows = format_rows({int(seq): what for seq, what in detail["rows"].items()})
         click.echo(
             f"\nlost when both files of the ledger were damaged: {rows or 'rows that cannot be named'}"
         )

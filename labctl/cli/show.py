@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from labctl.cli.group_differences import tell_comparison, tell_placements
 from labctl.cli.ledgers import ledger_option, tell
 from labctl.cli.output import emit_json, table
 from labctl.cli.rigs import json_option
-from labctl.cli.run_comparison import tell_comparison, tell_placements
 
 if TYPE_CHECKING:
     from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
@@ -38,7 +38,7 @@ def show(run_name: str, other_name: str | None, ledger_folder: Path, as_json: bo
     """
     from labctl.ledger.ledger import Ledger
     from labctl.measurement.codec import to_json
-    from labctl.statistics.comparison import compare_placements, compare_runs
+    from labctl.statistics.group_differences import compare_placements, compare_runs
     from labctl.statistics.summary import summarise, summary_to_json
 
     with Ledger.open(ledger_folder, tell) as ledger:

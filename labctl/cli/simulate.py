@@ -13,8 +13,8 @@ from labctl.cli.rigs import design_option, json_option
 
 if TYPE_CHECKING:
     from labctl.config.design import Design
-    from labctl.subject import Simulated, Subject
-    from labctl.targets.comparison import TargetComparison
+    from labctl.simulation.subject import Simulated, Subject
+    from labctl.simulation.targets.target_error import TargetComparison
     from sim.targets.target import Target
 
 _OUT_FORMATS = (".npz", ".vtu")
@@ -124,7 +124,7 @@ def simulate(as_json: bool, **options: Any) -> None:  # noqa: ANN401 - click's v
     _check_choice(wanted)
     _check_files(wanted)
 
-    from labctl.subject import solve
+    from labctl.simulation.subject import solve
     from sim.warm import compile_kernels
 
     design = None if wanted.voxel_path is not None else _design(wanted)
@@ -152,15 +152,15 @@ def _design(wanted: _Wanted) -> "Design":
 
 def _of_pattern(design: "Design", wanted: _Wanted) -> "Subject":
     from labctl.config.quantity import pressure_psi
-    from labctl.subject import pattern_subject
+    from labctl.simulation.subject import pattern_subject
 
     held_psi = None if wanted.pressure_text is None else pressure_psi(wanted.pressure_text)
     return pattern_subject(design, str(wanted.pattern), wanted.strain, held_psi)
 
 
 def _of_voxels(voxel_path: Path | None, wanted: _Wanted) -> "Subject":
-    from labctl.subject import voxel_subject
-    from labctl.voxel_files import read_voxels
+    from labctl.simulation.subject import voxel_subject
+    from labctl.simulation.voxel_files import read_voxels
 
     file = read_voxels(Path(str(voxel_path)))
     for key in file.ignored:
@@ -182,9 +182,9 @@ def _target(
     """The target, before the sheet itself is solved: a mistake in its words is told at once."""
     if wanted.target_words is None:
         return None
-    from labctl.simulation import sheet_of
-    from labctl.subject import solve
-    from labctl.targets.words import target_from_words
+    from labctl.simulation.patterns import sheet_of
+    from labctl.simulation.subject import solve
+    from labctl.simulation.targets.parse_target import parse_target
     from sim.heights import height_field_m
 
     def pattern_heights_m(pattern: str) -> Any:  # noqa: ANN401 - an array; NumPy is not imported here
@@ -195,11 +195,11 @@ def _target(
         solved = solve(other, wanted.solver, wanted.precision)
         return height_field_m(other.sheet, solved.positions_m, wanted.surface)
 
-    return target_from_words(wanted.target_words, design, subject.cut, pattern_heights_m)
+    return parse_target(wanted.target_words, design, subject.cut, pattern_heights_m)
 
 
 def _compared(simulated: "Simulated", target: "Target", wanted: _Wanted) -> "TargetComparison":
-    from labctl.targets.comparison import compare_with_target
+    from labctl.simulation.targets.target_error import compare_with_target
     from sim.score import PRESETS
 
     sheet, positions_m = simulated.subject.sheet, simulated.positions_m
@@ -208,11 +208,11 @@ def _compared(simulated: "Simulated", target: "Target", wanted: _Wanted) -> "Tar
 
 def _write(simulated: "Simulated", wanted: _Wanted) -> None:
     if wanted.out_path is not None:
-        from labctl.shape_files import write_shape
+        from labctl.simulation.shape_files import write_shape
 
         write_shape(wanted.out_path, simulated)
     if wanted.plot_path is not None:
-        from labctl.report.sheet_plot import write_sheet_plot
+        from labctl.report.sheet.plot import write_sheet_plot
 
         write_sheet_plot(wanted.plot_path, simulated)
 
@@ -220,7 +220,7 @@ def _write(simulated: "Simulated", wanted: _Wanted) -> None:
 def _tell(
     simulated: "Simulated", comparison: "TargetComparison | None", wanted: _Wanted, as_json: bool
 ) -> None:
-    from labctl.report.sheet_summary import facts, headline, height_table
+    from labctl.report.sheet.summary import facts, headline, height_table
 
     named = {"out": wanted.out_path, "plot": wanted.plot_path}
     if as_json:
@@ -268,7 +268,7 @@ def _is_given(option: str) -> bool:
 
 def _check_files(wanted: _Wanted) -> None:
     """Refuse files that could not be written, or that would overwrite each other, before anything is solved."""
-    from labctl.whole_file import check_writable, same_file
+    from labctl.atomic_file import check_writable, same_file
 
     out_path, plot_path = wanted.out_path, wanted.plot_path
     for option, path, formats in (("--out", out_path, _OUT_FORMATS), ("--plot", plot_path, _PLOT_FORMATS)):

@@ -13,8 +13,8 @@ from labctl.cli.rigs import json_option
 
 if TYPE_CHECKING:
     from labctl.ledger.records import RunRecord
-    from labctl.measurement.differences import Difference
-    from labctl.measurement.verify import TrialVerification, Verification
+    from labctl.verification.differences import Difference
+    from labctl.verification.verify_run import TrialVerification, Verification
 
 # Another machine, or another version of what computes, rounds otherwise; a different design is off by far more.
 SIMULATION_TOLERANCE_MM = 1e-3
@@ -33,7 +33,7 @@ def verify(name: str, ledger_folder: Path, as_json: bool) -> int:
     The simulated heights are computed again too. Exit code 0: all agree; 1: something does not, and is named.
     """
     from labctl.ledger.ledger import Ledger
-    from labctl.measurement.verify import verify_run
+    from labctl.verification.verify_run import verify_run
 
     with Ledger.open(ledger_folder, tell) as ledger:
         run = ledger.find(name)
@@ -94,7 +94,7 @@ def _simulate_again(run: "RunRecord") -> SimulatedAgain:
 
     from labctl.config.load import design_from_text
     from labctl.errors import LabError
-    from labctl.simulation import simulate_pattern
+    from labctl.simulation.patterns import simulate_pattern
     from sim.warm import compile_kernels
 
     if run.simulated_heights:

@@ -95,7 +95,7 @@ def parse_faults(words: Iterable[str]) -> Faults:
         name, equals, rest = word.partition("=")
         instrument = next((known for known in ALLOWED if known == name.strip()), None)
         if not equals or instrument is None:
-            raise BadInput(f"fault {word!r} is not INSTRUMENT=KIND; allowed: {_allowed_words()}")
+            raise BadInput(f"fault {word!r} is not INSTRUMENT=KIND; allowed: {_format_allowed()}")
         fault = _parse_kind(word, instrument, rest.strip())
         if instrument == "regulator":
             faults = replace(faults, regulator=(*faults.regulator, fault))
@@ -106,7 +106,7 @@ def parse_faults(words: Iterable[str]) -> Faults:
     return faults
 
 
-def _allowed_words() -> str:
+def _format_allowed() -> str:
     words = []
     for instrument, kinds in ALLOWED.items():
         shown = (kind + (f":{argument.upper()}" if argument else "") for kind, argument in kinds.items())
@@ -119,7 +119,7 @@ def _parse_kind(word: str, instrument: Instrument, rest: str) -> Fault:
     body, at, from_text = rest.partition("@")
     kind, colon, value_text = body.partition(":")
     if kind not in ALLOWED[instrument]:
-        raise BadInput(f"fault {word!r}: {instrument} has no fault {kind!r}; allowed: {_allowed_words()}")
+        raise BadInput(f"fault {word!r}: {instrument} has no fault {kind!r}; allowed: {_format_allowed()}")
     argument = ALLOWED[instrument][kind]
     if bool(argument) != bool(colon):
         wanted = f"write {instrument}={kind}:{argument.upper()}" if argument else "it takes no value"

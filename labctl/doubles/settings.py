@@ -7,9 +7,9 @@ from typing import Literal
 
 from labctl.config.design import Design
 from labctl.doubles.faults import Faults
-from labctl.doubles.gap import RealityGap
 from labctl.doubles.markers import MarkerSettings
 from labctl.doubles.plant import PlantSettings
+from labctl.doubles.reality_gap import RealityGap
 from labctl.doubles.sheet import Relaxation
 from labctl.errors import BadInput
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from labctl.config.design import Design
 from labctl.config.rig import MarkerPoint
-from labctl.doubles.gap import RealityGap, misplaced, real_materials
+from labctl.doubles.reality_gap import RealityGap, misplaced, real_materials
 from labctl.doubles.sheet import Ladder
 from labctl.errors import BadInput, LabError
-from labctl.simulation import materials_of
+from labctl.simulation.patterns import materials_of
 from sim.errors import SimError
 from sim.geometry import geometry
 from sim.heights import material_points, resting_offset_m

@@ -19,9 +19,9 @@ from labctl.drivers.alicat_lines import (
 from labctl.drivers.pressure_unit import from_psi, to_psi
 from labctl.drivers.setpoint_limit import check_setpoint
 from labctl.errors import BadInput, GarbledReply, InstrumentRefused, NoAnswer, ReadBackMismatch
+from labctl.instruments.readings import Identity, PressureReading
 from labctl.links.deadline import Deadline
 from labctl.links.interfaces import LineLink
-from labctl.readings import Identity, PressureReading
 
 T = TypeVar("T")
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from labctl.config.rig import PressureUnit
 from labctl.drivers.pressure_unit import to_psi
 from labctl.errors import GarbledReply, InstrumentRefused
-from labctl.readings import PressureReading
+from labctl.instruments.readings import PressureReading
 
 GAUGE_PRESSURE, GAUGE_SETPOINT = "006", "038"
 ABSOLUTE_PRESSURE, ABSOLUTE_SETPOINT = "002", "034"

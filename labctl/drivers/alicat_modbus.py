@@ -12,9 +12,9 @@ from labctl.config.rig import PressureUnit
 from labctl.drivers.pressure_unit import from_psi, to_psi
 from labctl.drivers.setpoint_limit import check_setpoint
 from labctl.errors import BadInput, GarbledReply, InstrumentRefused, ReadBackMismatch
+from labctl.instruments.readings import Identity, PressureReading
 from labctl.links.deadline import Deadline
 from labctl.links.interfaces import RegisterLink
-from labctl.readings import Identity, PressureReading
 
 COMMAND = 999
 COMMAND_STATUS = 1000

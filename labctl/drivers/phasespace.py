@@ -10,9 +10,9 @@ from labctl.drivers import phasespace_wire as wire
 from labctl.drivers.phasespace_frames import RawFrames
 from labctl.drivers.phasespace_session import PhaseSpaceSession
 from labctl.errors import BadInput, InstrumentError, InstrumentRefused, NoAnswer
+from labctl.instruments.readings import Identity, MarkerFrames
 from labctl.links.deadline import Deadline
 from labctl.links.interfaces import ByteStream
-from labctl.readings import Identity, MarkerFrames
 
 CLIENT_TEXT = b"protocol=2 libowl=5.2.459"
 EVENTS_TEXT = "event.raw=1 event.markers=1 event.rigids=1 event.info=1"

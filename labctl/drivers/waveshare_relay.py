@@ -4,9 +4,9 @@ from collections.abc import Collection
 from contextlib import suppress
 
 from labctl.errors import BadInput, GarbledReply, InstrumentRefused, ReadBackMismatch
+from labctl.instruments.readings import Identity
 from labctl.links.deadline import Deadline
 from labctl.links.interfaces import RegisterLink
-from labctl.readings import Identity
 
 MODELS = (8, 16, 32)
 ALL_COILS = 0x00FF

@@ -8,18 +8,18 @@ from typing import Literal
 
 import pandas as pd
 
+from labctl.atomic_folder import atomic_folder
 from labctl.errors import BadInput
 from labctl.export.c3d_file import write_c3d
 from labctl.export.motion import motion_of
 from labctl.export.run_tables import meaning, run_tables
+from labctl.instruments.readings import PressureSamples
 from labctl.ledger.ledger import Ledger
-from labctl.ledger.raw import read_frames, read_pressures
-from labctl.ledger.raw_check import as_recorded
+from labctl.ledger.raw.check import as_recorded
+from labctl.ledger.raw.recording import read_frames, read_pressures
 from labctl.ledger.records import RunRecord, TrialRecord
 from labctl.measurement.codec import basis_of, window_from_json
 from labctl.measurement.recording import lay_out
-from labctl.readings import PressureSamples
-from labctl.whole_folder import whole_folder
 
 Format = Literal["csv", "parquet", "c3d"]
 _LONGEST_TEXT = 120
@@ -42,7 +42,7 @@ def export_run(ledger: Ledger, run: RunRecord, kind: Format, folder: Path) -> Ex
         LabError: a raw file is missing, or is not what was recorded.
     """
     write = {"csv": _write_csv, "parquet": _write_parquet, "c3d": _write_motion}[kind]
-    with whole_folder(folder) as unfinished:
+    with atomic_folder(folder) as unfinished:
         left_out = write(ledger, run, unfinished)
         files = sorted(str(path.relative_to(unfinished)) for path in unfinished.rglob("*") if path.is_file())
         if not files:

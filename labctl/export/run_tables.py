@@ -6,9 +6,9 @@ from dataclasses import replace
 import pandas as pd
 
 from labctl.errors import LabError
+from labctl.instruments.readings import PressureSamples
 from labctl.ledger.records import RunRecord, TrialRecord
 from labctl.measurement.codec import result_from_json
-from labctl.readings import PressureSamples
 from labctl.statistics.summary import good_trials
 from labctl.statistics.tables import calibration_table, points_table, trials_table
 

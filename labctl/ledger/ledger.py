@@ -7,17 +7,17 @@ from types import TracebackType
 from typing import Self
 
 from labctl.errors import BadInput
-from labctl.ledger.agreement import Found, look
 from labctl.ledger.disk import check_is_folder, disk_errors
-from labctl.ledger.journal import JOURNAL
 from labctl.ledger.lock import Holder, holder_of
-from labctl.ledger.record_text import event_of, run_of, trial_of
 from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
-from labctl.ledger.recovery import told
-from labctl.ledger.rows import Kind, Row
 from labctl.ledger.state import RunState, run_state
-from labctl.ledger.stored import wal_of
-from labctl.ledger.tables import SQLITE
+from labctl.ledger.store.agreement import Found, look
+from labctl.ledger.store.database import wal_of
+from labctl.ledger.store.journal import JOURNAL
+from labctl.ledger.store.record_text import event_of, run_of, trial_of
+from labctl.ledger.store.recovery import told
+from labctl.ledger.store.rows import Kind, Row
+from labctl.ledger.store.tables import SQLITE
 
 _RAW = "raw"
 _LOOKS = 5

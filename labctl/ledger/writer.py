@@ -10,16 +10,16 @@ from typing import Self
 
 from labctl.errors import BadInput, LabError
 from labctl.ledger.disk import check_is_folder, disk_errors, is_damage, make_folder
-from labctl.ledger.journal import JOURNAL, JournalWriter
 from labctl.ledger.ledger import Ledger, numbers_on_disk
 from labctl.ledger.lock import LedgerLock
 from labctl.ledger.moment import Now, now, set_back_s
-from labctl.ledger.mounts import refuse_network
-from labctl.ledger.record_text import Record
 from labctl.ledger.records import EventRecord, Moment, RunRecord, TrialRecord
-from labctl.ledger.recovery import recover
-from labctl.ledger.rows import Row, row_of
-from labctl.ledger.tables import SQLITE, connect, insert
+from labctl.ledger.store.journal import JOURNAL, JournalWriter
+from labctl.ledger.store.mounts import refuse_network
+from labctl.ledger.store.record_text import Record
+from labctl.ledger.store.recovery import recover
+from labctl.ledger.store.rows import Row, row_of
+from labctl.ledger.store.tables import SQLITE, connect, insert
 
 _LARGEST = 1_000_000
 

@@ -6,6 +6,7 @@ Pure and deterministic: the same recording, windows and basis give the same numb
 
 from collections.abc import Sequence
 
+from labctl.instruments.readings import MarkerFrames, PressureSamples
 from labctl.measurement.basis import Basis
 from labctl.measurement.level import EDGE_PSI, UninflatedSheet, measure_level
 from labctl.measurement.recording import Recording, lay_out
@@ -14,7 +15,6 @@ from labctl.measurement.result import LevelResult, RelaxationResult, TrialResult
 from labctl.measurement.windows import Window
 from labctl.mocap.errors import FrameRefused
 from labctl.mocap.frame import fit_sheet_frame
-from labctl.readings import MarkerFrames, PressureSamples
 
 
 def derive(

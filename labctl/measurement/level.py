@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from labctl.instruments.readings import MarkerFrames
 from labctl.measurement.basis import Basis
 from labctl.measurement.recording import Recording
 from labctl.measurement.result import Heights, LevelResult
@@ -14,7 +15,6 @@ from labctl.mocap.frame import SheetFrame
 from labctl.mocap.heights import inflation_heights_mm
 from labctl.mocap.transfer import TransferError, transfer_error
 from labctl.mocap.window import MarkerWindow, average
-from labctl.readings import MarkerFrames
 
 # A device tells its readings in hundredths: one that stands on the edge is inside.
 EDGE_PSI = 1e-6

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.errors import LabError
+from labctl.instruments.readings import MarkerFrames, PressureSamples
 from labctl.measurement.basis import Basis
 from labctl.measurement.clock_fit import fit_clock, lab_times_s
 from labctl.measurement.result import ClockFit
-from labctl.mocap.frames import cut
+from labctl.mocap.frames import select_frames
 from labctl.mocap.window import MarkerWindow, average
-from labctl.readings import MarkerFrames, PressureSamples
 
 # A stream that brought less than this share of what was due had stalled.
 FEWEST_FRAMES = 0.5
@@ -34,7 +34,7 @@ class Recording:
     def frames_between(self, start_s: float, end_s: float) -> MarkerFrames:
         """The frames from `start_s` to before `end_s` of the laboratory's clock."""
         first, last = np.searchsorted(self.lab_s, [start_s, end_s])
-        return cut(self.frames, int(first), int(last))
+        return select_frames(self.frames, int(first), int(last))
 
     def window_between(self, start_s: float, end_s: float) -> MarkerWindow | None:
         """The markers averaged from `start_s` to before `end_s`; None where no frame came."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.readings import MarkerFrames
+from labctl.instruments.readings import MarkerFrames
 
 
 def concatenate(batches: Sequence[MarkerFrames]) -> MarkerFrames:
@@ -24,7 +24,7 @@ def concatenate(batches: Sequence[MarkerFrames]) -> MarkerFrames:
     )
 
 
-def cut(frames: MarkerFrames, first: int, end: int) -> MarkerFrames:
+def select_frames(frames: MarkerFrames, first: int, end: int) -> MarkerFrames:
     """The frames numbered `first` to `end`, the last left out; they share memory with `frames`."""
     first, end, _ = slice(first, end).indices(len(frames))
     end = max(first, end)
@@ -42,4 +42,4 @@ def cut(frames: MarkerFrames, first: int, end: int) -> MarkerFrames:
 def between(frames: MarkerFrames, times_s: NDArray[np.float64], start_s: float, end_s: float) -> MarkerFrames:
     """The frames whose `times_s` (k,), which do not fall, lie from `start_s` to `end_s`, both included."""
     first, end = np.searchsorted(times_s, start_s, "left"), np.searchsorted(times_s, end_s, "right")
-    return cut(frames, int(first), int(end))
+    return select_frames(frames, int(first), int(end))

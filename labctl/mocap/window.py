@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from labctl.instruments.readings import MarkerFrames
 from labctl.mocap.errors import NoFrames
-from labctl.readings import MarkerFrames
 
 MIN_SHARE = 0.5
 

@@ -8,9 +8,9 @@ from labctl.clock import Clock
 from labctl.config.rig import RigConfig
 from labctl.drivers.opening import open_markers, open_regulator, open_valves
 from labctl.errors import InstrumentError, LabError, RigUnavailable, Unsafe
-from labctl.instruments import PressureRegulator, ValveBank
-from labctl.mocap.feed import MarkerFeed
-from labctl.readings import Identity, PressureReading
+from labctl.instruments.interfaces import PressureRegulator, ValveBank
+from labctl.instruments.readings import Identity, PressureReading
+from labctl.rig.marker_feed import MarkerFeed
 from labctl.safety.safe_state import SETPOINT_ZERO_PSI, make_safe
 from labctl.stop import StopRequest
 

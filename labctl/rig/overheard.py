@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 from labctl.clock import Clock
-from labctl.instruments import PressureRegulator
-from labctl.readings import Identity, PressureReading, PressureSample
+from labctl.instruments.interfaces import PressureRegulator
+from labctl.instruments.readings import Identity, PressureReading, PressureSample
 
 
 class OverheardRegulator:

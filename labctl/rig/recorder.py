@@ -3,13 +3,13 @@
 from collections.abc import Callable
 from typing import Protocol, TypeVar
 
-from labctl.readings import MarkerFrames, PressureSample
+from labctl.instruments.readings import MarkerFrames, PressureSample
 
 _T = TypeVar("_T")
 
 
 class Recorder(Protocol):
-    """Takes what the instruments say. Called on the threads that read them, which must not wait."""
+    """AllowedCounts what the instruments say. Called on the threads that read them, which must not wait."""
 
     def take_frames(self, frames: MarkerFrames) -> None:
         """Take the next frames."""

@@ -14,7 +14,7 @@ from types import TracebackType
 from labctl.clock import Clock, FastClock, WallClock
 from labctl.config.rig import RigConfig
 from labctl.errors import InstrumentError, Unsafe
-from labctl.readings import MarkerFrames, PressureReading
+from labctl.instruments.readings import MarkerFrames, PressureReading
 from labctl.rig.instruments import RigInstruments
 from labctl.rig.overheard import OverheardRegulator
 from labctl.rig.recorder import Recorder, kept_by

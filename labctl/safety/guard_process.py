@@ -15,10 +15,10 @@ from contextlib import suppress
 from typing import IO
 
 from labctl.clock import Clock, WallClock
+from labctl.nonblocking_output import NonBlockingOutput
 from labctl.safety.guard import ARMED, ENERGISED, SAFE, STAND_DOWN, GuardOrders
 from labctl.safety.reach import Reach, open_and_make_safe
 from labctl.safety.safe_state import SafeReport
-from labctl.telling import Teller
 
 HEARTBEAT_TIMEOUT_S = 2.0
 TRY_AGAIN_S = 600.0
@@ -76,7 +76,7 @@ def main() -> int:
         signal.signal(number, signal.SIG_IGN)
     pipe = open(0, "rb", buffering=0)  # noqa: SIM115 - a descriptor, held for the whole life
     orders = GuardOrders.from_json(_read_line(pipe))
-    teller = Teller(lambda text: _write_terminal(f"guard: {orders.reach.rig_name}: {text}\n"))
+    teller = NonBlockingOutput(lambda text: _write_terminal(f"guard: {orders.reach.rig_name}: {text}\n"))
 
     def say(text: str) -> None:
         teller.tell(text)

@@ -9,7 +9,7 @@ from typing import TypeVar
 from labctl.clock import Clock, FastClock, WallClock
 from labctl.config.rig import Limits, RegulatorConfig, RigConfig, ValvesConfig
 from labctl.drivers.opening import open_regulator, open_valves
-from labctl.instruments import PressureRegulator, ValveBank
+from labctl.instruments.interfaces import PressureRegulator, ValveBank
 from labctl.safety.safe_state import SafeReport, reach_and_make_safe
 
 # A regulator's first exchange includes its layout, which takes about a second at 19200 baud.

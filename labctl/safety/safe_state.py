@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 from labctl.clock import Clock
 from labctl.config.rig import Limits
-from labctl.instruments import PressureRegulator, ValveBank
-from labctl.readings import PressureReading
+from labctl.instruments.interfaces import PressureRegulator, ValveBank
+from labctl.instruments.readings import PressureReading
 
 # Two decimals is what an Alicat frame carries; half of the last one is rounding, not a setpoint.
 SETPOINT_ZERO_PSI = 0.015

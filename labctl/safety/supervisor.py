@@ -20,8 +20,8 @@ from typing import Literal, Protocol
 from labctl.clock import Clock
 from labctl.config.rig import Limits
 from labctl.errors import InstrumentError, Tripped
-from labctl.instruments import PressureRegulator, ValveBank
-from labctl.readings import PressureReading, PressureSample
+from labctl.instruments.interfaces import PressureRegulator, ValveBank
+from labctl.instruments.readings import PressureReading, PressureSample
 from labctl.safety.safe_state import SafeReport
 
 POLL_PERIOD_S = 0.05

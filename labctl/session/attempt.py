@@ -10,7 +10,7 @@ from pathlib import Path
 
 from labctl.errors import LabError, Stopped, Tripped
 from labctl.ledger.moment import now
-from labctl.ledger.raw import RawRecorder, read_frames, read_pressures
+from labctl.ledger.raw.recording import RawRecorder, read_frames, read_pressures
 from labctl.ledger.records import Outcome, RawFile, RunRecord, TrialRecord
 from labctl.ledger.writer import LedgerWriter
 from labctl.measurement.codec import basis_of, to_json

@@ -16,7 +16,7 @@ from labctl.rig import Rig
 
 
 @dataclass(frozen=True)
-class Request:
+class RunRequest:
     """What was asked for, complete: from it, the design and the rig the same plan follows again.
 
     `placements` are the orders in which the patterns' fibers lie on the sheet, one sheet each; a protocol that
@@ -36,7 +36,7 @@ class Request:
         return asdict(self)
 
     @classmethod
-    def from_json(cls, data: dict[str, Any]) -> "Request":
+    def from_json(cls, data: dict[str, Any]) -> "RunRequest":
         """The inverse of `to_json`."""
         lists = {key: tuple(data[key]) for key in ("patterns", "pressures_psi", "placements")}
         return cls(**{**data, **lists})
@@ -95,7 +95,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Takes:
+class AllowedCounts:
     """How many patterns and pressures a protocol takes, at least and at most."""
 
     patterns: tuple[int, int] = (1, 1)
@@ -115,7 +115,7 @@ class Protocol:
     summary: str
     pressures_psi: tuple[float, ...]
     trials: int
-    plan: Callable[[Request, Design, RigConfig], tuple[Trial, ...]]
-    takes: Takes = Takes()
+    plan: Callable[[RunRequest, Design, RigConfig], tuple[Trial, ...]]
+    allowed: AllowedCounts = AllowedCounts()
     watch_s: float | None = None
     placements: Callable[[tuple[str, ...]], tuple[str, ...]] | None = None

@@ -8,9 +8,9 @@ import json
 from pathlib import Path
 from typing import Literal
 
+from labctl.atomic_file import atomic_file
 from labctl.clock import Clock
 from labctl.errors import BadInput, LabError
-from labctl.whole_file import whole_file
 
 Word = Literal["pause", "resume", "abort"]
 
@@ -26,7 +26,7 @@ def ask(folder: Path, word: Word) -> None:
     """
     if word != "abort" and _read(folder / _FILE) == "abort":
         raise BadInput(f"{folder}: the run was asked to end before, and ends; labctl runs shows how")
-    with whole_file(folder / _FILE) as path:
+    with atomic_file(folder / _FILE) as path:
         path.write_text(json.dumps({"word": word}), encoding="utf-8")
 
 

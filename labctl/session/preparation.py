@@ -16,10 +16,10 @@ from labctl.ledger.records import Json, RunRecord
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session.catalogue import find_protocol, package_of
-from labctl.session.contract import Protocol, Request, Trial
+from labctl.session.contract import Protocol, RunRequest, Trial
 from labctl.session.events import unrecorded_attempts, write_event
 from labctl.session.provenance import commit, versions
-from labctl.session.request import Asked, complete
+from labctl.session.request import RunOptions, complete
 
 # What may differ between the rig that began a run and the one that goes on with it: how it is reached, how fast a
 # simulated one runs.
@@ -30,17 +30,17 @@ _MOST_NAMED = 6
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedRun:
     """A request with its protocol and design; `run` is the record of a run that goes on, None for a new one."""
 
     protocol: Protocol
-    request: Request
+    request: RunRequest
     design: Design
     design_text: str
     run: RunRecord | None = None
 
 
-def prepare(protocol_name: str, asked: Asked, design_name: str) -> Prepared:
+def prepare(protocol_name: str, asked: RunOptions, design_name: str) -> PreparedRun:
     """A new run.
 
     Raises:
@@ -48,10 +48,10 @@ def prepare(protocol_name: str, asked: Asked, design_name: str) -> Prepared:
     """
     protocol = find_protocol(protocol_name)
     design = load_design(design_name)
-    return Prepared(protocol, complete(protocol, asked, design), design, design_text(design_name))
+    return PreparedRun(protocol, complete(protocol, asked, design), design, design_text(design_name))
 
 
-def prepare_again(ledger: Ledger, name: str) -> Prepared:
+def prepare_again(ledger: Ledger, name: str) -> PreparedRun:
     """A run that goes on, as its record says.
 
     Raises:
@@ -63,8 +63,8 @@ def prepare_again(ledger: Ledger, name: str) -> Prepared:
             f"run {run.number} is finished; look at it with labctl show {run.number}, or begin a new one"
         )
     design = design_from_text(run.design_text, run.design_source)
-    request = Request.from_json(dict(run.request))
-    return Prepared(find_protocol(run.protocol), request, design, run.design_text, run)
+    request = RunRequest.from_json(dict(run.request))
+    return PreparedRun(find_protocol(run.protocol), request, design, run.design_text, run)
 
 
 def require_same_rig(run: RunRecord, config: RigConfig) -> None:
@@ -123,7 +123,7 @@ def simulated_heights(design: Design, trials: Sequence[Trial], config: RigConfig
 
 def begin(
     ledger: LedgerWriter,
-    prepared: Prepared,
+    prepared: PreparedRun,
     planned_trials: int,
     heights: tuple[Json, ...],
     rig: Rig,
@@ -189,7 +189,7 @@ def _who(identity: Mapping[str, Any]) -> str:
 
 def _heights_mm(design: Design, pattern: str, pressure_psi: float, points_mm: np.ndarray) -> list[float]:
     # Not before it is wanted: what is asked for wrongly should be answered at once.
-    from labctl.simulation import simulate_pattern
+    from labctl.simulation.patterns import simulate_pattern
 
     simulated = simulate_pattern(design, pattern, design.sheet.strain_at(pressure_psi))
     heights: list[float] = simulated.points_mm(points_mm)[:, 2].tolist()

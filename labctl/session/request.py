@@ -9,7 +9,7 @@ from labctl.config.rig import RigConfig
 from labctl.errors import BadInput, LabError
 from labctl.measurement.decay import FEWEST_SAMPLES
 from labctl.measurement.relaxation import STRETCH_S
-from labctl.session.contract import Protocol, Request, Trial
+from labctl.session.contract import Protocol, RunRequest, Trial
 
 MOST_TRIALS = 1000
 # A watch that no trial could come out good of.
@@ -19,7 +19,7 @@ LONGEST_WATCH_S = 6 * 3600.0
 
 
 @dataclass(frozen=True)
-class Asked:
+class RunOptions:
     """What a person asked for; None and empty are left to the protocol."""
 
     patterns: tuple[str, ...]
@@ -30,16 +30,16 @@ class Asked:
     watch_s: float | None = None
 
 
-def complete(protocol: Protocol, asked: Asked, design: Design) -> Request:
+def complete(protocol: Protocol, asked: RunOptions, design: Design) -> RunRequest:
     """Fill in the protocol's own values.
 
     Raises:
         BadInput: the protocol does not take what was asked for.
     """
     has = f"; design {design.name} ({design.source}) has {', '.join(sorted(design.patterns))}"
-    _require_count(protocol, "--pattern", len(asked.patterns), protocol.takes.patterns, has)
+    _require_count(protocol, "--pattern", len(asked.patterns), protocol.allowed.patterns, has)
     pressures_psi = asked.pressures_psi or protocol.pressures_psi
-    _require_count(protocol, "--pressure", len(pressures_psi), protocol.takes.pressures)
+    _require_count(protocol, "--pressure", len(pressures_psi), protocol.allowed.pressures)
     for name, values in (("pattern", asked.patterns), ("pressure", pressures_psi)):
         if len(set(values)) < len(values):
             raise BadInput(f"{protocol.name}: a {name} is named twice: {', '.join(map(str, values))}")
@@ -59,7 +59,7 @@ def complete(protocol: Protocol, asked: Asked, design: Design) -> Request:
             "several trials"
         )
     trials = protocol.trials if asked.trials is None else asked.trials
-    return Request(
+    return RunRequest(
         protocol=protocol.name,
         patterns=asked.patterns,
         pressures_psi=pressures_psi,
@@ -70,7 +70,7 @@ def complete(protocol: Protocol, asked: Asked, design: Design) -> Request:
     )
 
 
-def plan(protocol: Protocol, request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
+def plan(protocol: Protocol, request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
     """The trials, each step checked against the rig's limits and valves.
 
     Raises:
@@ -104,7 +104,7 @@ def plan(protocol: Protocol, request: Request, design: Design, rig: RigConfig) -
     return trials
 
 
-def _planned(protocol: Protocol, request: Request, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
+def _planned(protocol: Protocol, request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
     try:
         return tuple(protocol.plan(request, design, rig))
     except LabError:
@@ -128,7 +128,7 @@ def _require_count(
         )
 
 
-def _placements(protocol: Protocol, asked: Asked, design: Design) -> tuple[str, ...]:
+def _placements(protocol: Protocol, asked: RunOptions, design: Design) -> tuple[str, ...]:
     """How the fibers lie on the sheet, in Table III's words."""
     if protocol.placements is not None:
         if asked.placement is not None:

@@ -8,10 +8,10 @@ from distributed import LocalCluster
 from evolve.run_folder import RunFolder
 from labctl.cli.main import run
 from labctl.config.load import load_design
+from labctl.design_search.search_run import run_folders
 from labctl.doubles.rig_file import rig_toml
 from labctl.doubles.settings import DoublesSettings
-from labctl.evolution.evolved_run import run_folders
-from labctl.simulation import sheet_of
+from labctl.simulation.patterns import sheet_of
 
 ONE_EACH = ("--representation", "exclusive", "--fibers-per-face", "1")
 SEARCH = ("--targets", "cylinder,sphere", "--population", "6", "--generations", "3", "--seed", "4")
@@ -224,7 +224,7 @@ def test_ctrl_c_while_the_page_is_drawn_is_told(searched, monkeypatch, capsys):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("labctl.report.evolution_page.evolution_page", interrupted)
+    monkeypatch.setattr("labctl.report.search.page.evolution_page", interrupted)
 
     assert run(["evolve", "show", str(folder)]) == 130
     assert f"labctl evolve show {folder} draws its page" in capsys.readouterr().err

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from labctl.cli.main import run as labctl
-from labctl.mocap.measured import read_measured
+from labctl.simulation.measured_heights import read_measured
 
 PRESSURES_PSI = (2.0, 2.5)
 

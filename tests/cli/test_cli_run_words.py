@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from labctl.cli.output import ProgressLine
-from labctl.cli.run_words import RunTeller
+from labctl.cli.run.text import RunReporter
 from labctl.errors import BadInput, Stopped
 
 SHEETS = [SimpleNamespace(sheet="the sheet glued cylinder on sphere")]
@@ -37,7 +37,7 @@ def terminal(monkeypatch):
 
 
 def teller(simulated=False):
-    return RunTeller(ProgressLine(quiet=True), SimpleNamespace(simulated=simulated), SHEETS, quiet=True)
+    return RunReporter(ProgressLine(quiet=True), SimpleNamespace(simulated=simulated), SHEETS, quiet=True)
 
 
 def test_a_sheet_is_waited_for_until_enter(terminal):

@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 
 from labctl.doubles.faults import parse_faults
-from labctl.doubles.gap import NO_GAP
 from labctl.doubles.modbus_frames import rtu_frame
+from labctl.doubles.reality_gap import NO_GAP
 from labctl.doubles.serve import Doubles
 from labctl.doubles.settings import DoublesSettings
 from labctl.errors import BadInput

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from labctl.config.design import Design, Fiber, SheetSpec
-from labctl.doubles.gap import NO_GAP, RealityGap, misplaced, real_materials
 from labctl.doubles.markers import DEFAULT_POINTS
+from labctl.doubles.reality_gap import NO_GAP, RealityGap, misplaced, real_materials
 from labctl.doubles.shapes import RUNGS, SimulatedShapes
 from labctl.doubles.sheet import Ladder, Relaxation, RelaxingSheet
 from labctl.errors import BadInput

@@ -11,7 +11,7 @@ from labctl.errors import (
     ReadBackMismatch,
     SetpointOutOfRange,
 )
-from labctl.readings import Identity
+from labctl.instruments.readings import Identity
 
 TABLE = (
     b"A??D*\r",

@@ -16,7 +16,7 @@ from labctl.drivers.alicat_modbus import AlicatModbus
 from labctl.drivers.phasespace import PhaseSpace
 from labctl.drivers.waveshare_relay import WaveshareRelay
 from labctl.errors import InstrumentError, LinkDown, NoAnswer
-from labctl.instruments import MarkerSource, PressureRegulator, ValveBank
+from labctl.instruments.interfaces import MarkerSource, PressureRegulator, ValveBank
 from labctl.links.modbus_link import open_modbus_serial, open_modbus_tcp
 from labctl.links.serial_link import SerialLink
 from labctl.links.tcp_stream import TcpStream

@@ -4,7 +4,7 @@ import pytest
 
 from labctl.drivers.waveshare_relay import WaveshareRelay
 from labctl.errors import BadInput, GarbledReply, InstrumentRefused, ReadBackMismatch
-from labctl.readings import Identity
+from labctl.instruments.readings import Identity
 
 
 def relays(link, channels=32, device_id=1):

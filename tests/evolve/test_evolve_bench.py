@@ -15,7 +15,7 @@ from evolve.constraints import Constraints
 from evolve.problem import MapScore, Physics, Problem, VoxelMap
 from evolve.random_layouts import random_genome
 from evolve.variation import Variation
-from evolve.workers.pool import Stopped
+from evolve.workers.pool import ShouldStop
 from sim.geometry import PUBLISHED
 from sim.materials import EXPANDING
 from sim.targets.shapes import cylinder, sphere_cap
@@ -38,7 +38,7 @@ class CountsVoxels:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def score(self, maps: list[VoxelMap], stopped: Stopped) -> list[MapScore]:
+    def score(self, maps: list[VoxelMap], stopped: ShouldStop) -> list[MapScore]:
         return [self._score(voxel_map) for voxel_map in maps]
 
     def _score(self, voxel_map: VoxelMap) -> MapScore:

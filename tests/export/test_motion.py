@@ -4,10 +4,10 @@ import pytest
 
 from labctl.errors import LabError
 from labctl.export.motion import motion_of
+from labctl.instruments.readings import MarkerFrames, PressureSamples
 from labctl.measurement.codec import basis_of
 from labctl.measurement.recording import lay_out
 from labctl.measurement.windows import Window
-from labctl.readings import MarkerFrames, PressureSamples
 
 
 def recording_of(run, frames=None, pressures=None, **gaps):

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 from made_ledger import Told, a_trial, an_event, changed_bytes, check_files_agree, not_a_word
 
-from labctl.ledger import recovery, tables, writer
+from labctl.ledger import writer
 from labctl.ledger.ledger import Ledger
+from labctl.ledger.store import recovery, tables
 from labctl.ledger.writer import LedgerWriter
 
 

@@ -195,7 +195,7 @@ def test_a_recovery_that_is_cut_off_is_begun_again(kept, told, monkeypatch):
     def power_cut(path, rows):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("labctl.ledger.recovery.build", power_cut)
+    monkeypatch.setattr("labctl.ledger.store.recovery.build", power_cut)
     with pytest.raises(KeyboardInterrupt):
         LedgerWriter.open(kept.folder, told)
     monkeypatch.undo()
@@ -226,7 +226,7 @@ def test_another_version_is_refused(kept, kind):
 
 
 def test_a_journal_of_another_version_is_refused(kept):
-    from labctl.ledger.rows import journal_line
+    from labctl.ledger.store.rows import journal_line
 
     with changed_bytes(kept.journal) as data:
         data[: data.index(b"\n") + 1] = journal_line('"journal":"labctl ledger","version":7}')

@@ -4,8 +4,8 @@ import pytest
 from made_ledger import not_a_word
 
 from labctl.errors import BadInput
-from labctl.ledger import mounts
-from labctl.ledger.mounts import mount_of, refuse_network
+from labctl.ledger.store import mounts
+from labctl.ledger.store.mounts import mount_of, refuse_network
 from labctl.ledger.writer import LedgerWriter
 
 MOUNTINFO = r"""22 27 0:21 / /proc rw,relatime - proc proc rw

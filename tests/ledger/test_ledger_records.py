@@ -8,8 +8,8 @@ from made_ledger import ENDED, a_run, a_trial, an_event, not_a_word
 
 from labctl.errors import BadInput, LabError
 from labctl.ledger.ledger import Ledger
-from labctl.ledger.record_text import event_of, run_of, text_of, trial_of
 from labctl.ledger.records import EventRecord
+from labctl.ledger.store.record_text import event_of, run_of, text_of, trial_of
 from labctl.ledger.writer import LedgerWriter
 
 

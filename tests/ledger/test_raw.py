@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labctl.ledger import raw as raw_module
-from labctl.ledger.parquet_in_making import ParquetInMaking
-from labctl.ledger.raw import RawDamaged, RawRecorder, RecordingFailed, read_frames, read_pressures
-from labctl.readings import MarkerFrames, PressureReading, PressureSample
+from labctl.instruments.readings import MarkerFrames, PressureReading, PressureSample
+from labctl.ledger.raw import recording as raw_module
+from labctl.ledger.raw.parquet_writer import ParquetWriter
+from labctl.ledger.raw.recording import RawDamaged, RawRecorder, RecordingFailed, read_frames, read_pressures
 
 STEM = "raw/0007-five-trial/trial-01-1"
 
@@ -180,7 +180,7 @@ def test_a_folder_that_cannot_be_written_is_refused_at_once(tmp_path, monkeypatc
     def refuse(self, path, schema):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
 
-    monkeypatch.setattr(ParquetInMaking, "__init__", refuse)
+    monkeypatch.setattr(ParquetWriter, "__init__", refuse)
     with pytest.raises(RecordingFailed, match=r"Permission denied.*make the folder writable"):
         RawRecorder(tmp_path, STEM)
 
@@ -199,7 +199,7 @@ def test_a_disk_that_does_not_keep_up_does_not_fill_the_memory(tmp_path, monkeyp
     hold = threading.Event()
     monkeypatch.setattr(raw_module, "_MOST_WAITING", 100)
     monkeypatch.setattr(raw_module, "_GROUP_FRAMES", 20)
-    monkeypatch.setattr(ParquetInMaking, "write", lambda self, table: hold.wait(10))
+    monkeypatch.setattr(ParquetWriter, "write", lambda self, table: hold.wait(10))
     recorder = RawRecorder(tmp_path, STEM)
     with pytest.raises(RecordingFailed, match="does not keep up"):
         for _ in range(20):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from labctl.readings import MarkerFrames
+from labctl.instruments.readings import MarkerFrames
 
 SHEET_MM = np.array(
     [

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labctl.mocap.frames import between, concatenate, cut
-from labctl.readings import MarkerFrames
+from labctl.instruments.readings import MarkerFrames
+from labctl.mocap.frames import between, concatenate, select_frames
 
 
 def numbered(counts, first=0):
@@ -44,7 +44,10 @@ def test_no_batch_is_no_frame():
 
 @given(counts, st.integers(0, 8), st.integers(0, 8))
 def test_a_cut_holds_the_frames_from_the_first_to_before_the_end(all_counts, first, end):
-    same(cut(numbered(all_counts), first, end), numbered(all_counts[first:end], min(first, len(all_counts))))
+    same(
+        select_frames(numbered(all_counts), first, end),
+        numbered(all_counts[first:end], min(first, len(all_counts))),
+    )
 
 
 @pytest.mark.parametrize(

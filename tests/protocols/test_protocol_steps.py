@@ -10,8 +10,8 @@ from labctl.config.load import load_design, rig_from_text
 from labctl.doubles.rig_file import rig_toml
 from labctl.doubles.settings import DoublesSettings
 from labctl.errors import InstrumentError, Unsafe
+from labctl.instruments.readings import MarkerFrames
 from labctl.measurement.windows import Window
-from labctl.readings import MarkerFrames
 from labctl.session.contract import Bench
 from protocols.steps import (
     capture_baseline,

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from evolve.genome import FiberGene
-from labctl.evolution.evolved_shape import EvolvedShape
-from labctl.evolution.fiber_list import fiber_list
-from labctl.evolution.pick import found_by, picks_of
-from labctl.report.evolution_fibers import fiber_figure, number_places_mm
-from labctl.report.evolution_front import front_figure
-from labctl.report.evolution_progress import progress_figure
-from labctl.report.evolution_shapes import shape_figure
+from labctl.design_search.fiber_list import fiber_list
+from labctl.design_search.layout_shape import LayoutShape
+from labctl.design_search.pick import found_by, picks_of
+from labctl.report.search.fibers import fiber_figure, number_places_mm
+from labctl.report.search.front import front_figure
+from labctl.report.search.progress import progress_figure
+from labctl.report.search.shapes import shape_figure
 from sim.geometry import PUBLISHED
 from sim.score import simulation_error
 
@@ -171,7 +171,7 @@ def test_evolved_and_target_share_their_colours_and_the_difference_is_even():
     target = made_run.settings().problem.targets[0]
     heights_mm = 1e3 * target.heights_m
     heights_mm[20, 7] += 3.0
-    figure = shape_figure(EvolvedShape(target, heights_mm, simulation_error(heights_mm / 1e3, target)))
+    figure = shape_figure(LayoutShape(target, heights_mm, simulation_error(heights_mm / 1e3, target)))
     maps = {axes.get_title(): axes.collections[0] for axes in figure.axes if axes.get_title()}
 
     assert maps["target"].get_clim() == maps["evolved"].get_clim()

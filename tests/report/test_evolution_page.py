@@ -6,10 +6,10 @@ from html.parser import HTMLParser
 import made_run
 import pytest
 
+from labctl.design_search.pick import picks_of
 from labctl.errors import BadInput
-from labctl.evolution.pick import picks_of
-from labctl.report.evolution_page import evolution_page, write_evolution_page
-from labctl.report.evolution_words import duration, searched_for
+from labctl.report.search.page import evolution_page, write_evolution_page
+from labctl.report.search.text import duration, searched_for
 
 
 class Seen(HTMLParser):

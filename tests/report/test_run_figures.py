@@ -7,17 +7,17 @@ import pytest
 
 from labctl.config.load import load_design
 from labctl.measurement.result import RelaxationResult
-from labctl.report.run_errors import errors_figure
-from labctl.report.run_heights import (
+from labctl.report.run.errors import errors_figure
+from labctl.report.run.heights import (
     difference_figure,
     heights_figure,
     point_order,
     signed_difference_percent,
 )
-from labctl.report.run_pressures import ROWS_A_FIGURE, pressure_figures
-from labctl.report.run_relaxation import fit_mm, relaxation_figure
-from labctl.report.run_sheet import face_figure
-from labctl.report.run_view import run_view
+from labctl.report.run.pressures import ROWS_A_FIGURE, pressure_figures
+from labctl.report.run.relaxation import fit_mm, relaxation_figure
+from labctl.report.run.sheet_faces import face_figure
+from labctl.report.run.view import run_view
 
 
 def view_of(run, trials):

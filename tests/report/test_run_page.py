@@ -7,9 +7,9 @@ import made_measurement as made
 import pytest
 
 from labctl.errors import BadInput, LabError
-from labctl.report.run_comparison import comparison_table, unmatched_words
-from labctl.report.run_page import SIMULATED, run_page, write_run_page
-from labctl.report.run_view import run_view
+from labctl.report.run.group_tables import comparison_table, format_unmatched
+from labctl.report.run.page import SIMULATED, run_page, write_run_page
+from labctl.report.run.view import run_view
 
 
 class Seen(HTMLParser):
@@ -192,8 +192,8 @@ def test_what_has_no_like_is_said_once():
     ]
 
     assert len(comparison_table(views).rows) == 1
-    assert unmatched_words(views) == "Not compared, having no like: run 9, neat, cylinder at 3.9 psi."
-    assert unmatched_words(views[:2]) == ""
+    assert format_unmatched(views) == "Not compared, having no like: run 9, neat, cylinder at 3.9 psi."
+    assert format_unmatched(views[:2]) == ""
 
 
 def no_pressures(trial):

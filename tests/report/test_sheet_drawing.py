@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labctl.report.sheet_drawing import sheet_drawing
+from labctl.report.sheet.drawing import sheet_drawing
 from sim.sheet import FaceElement, build_sheet
 
 

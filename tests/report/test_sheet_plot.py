@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labctl.report.sheet_plot import sheet_figure, write_sheet_plot
+from labctl.report.sheet.plot import sheet_figure, write_sheet_plot
 from sim.sheet import rest_positions_m
 
 

@@ -1,6 +1,6 @@
 from dataclasses import replace
 
-from labctl.report.sheet_summary import facts, headline
+from labctl.report.sheet.summary import facts, headline
 from sim.materials import Materials
 from sim.sheet import FaceElement, Sheet
 

@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from labctl.mocap.frames import concatenate, cut
-from labctl.readings import MarkerFrames
+from labctl.instruments.readings import MarkerFrames
+from labctl.mocap.frames import concatenate, select_frames
 from labctl.rig import Rig
 from labctl.stop import StopRequest
 
@@ -54,7 +54,7 @@ def test_every_frame_and_pressure_between_two_verbs_is_handed_over(serve):
     # Nothing is missing, nothing came twice, and nothing came after the end.
     assert len(concatenate(notes.batches)) == len(given)
     first = int(np.searchsorted(given.time_s, known.time_s[0]))
-    found = cut(given, first, first + len(known))
+    found = select_frames(given, first, first + len(known))
     for name in MarkerFrames.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(found, name), getattr(known, name))
     assert (np.diff(given.time_s) > 0).all()

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection
 import pytest
 
 from labctl.errors import NoAnswer
-from labctl.readings import Identity, PressureReading
+from labctl.instruments.readings import Identity, PressureReading
 
 
 class ManualClock:

@@ -4,7 +4,7 @@ import pytest
 
 from labctl.config.rig import Limits
 from labctl.errors import NoAnswer
-from labctl.readings import PressureReading
+from labctl.instruments.readings import PressureReading
 from labctl.safety.safe_state import judge, make_safe, reach_and_make_safe
 
 LIMITS = Limits()

@@ -15,8 +15,8 @@ from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session.engine import Listener, conduct
 from labctl.session.inbox import Inbox
-from labctl.session.preparation import Prepared, begin, go_on
-from labctl.session.request import Asked, complete, plan
+from labctl.session.preparation import PreparedRun, begin, go_on
+from labctl.session.request import RunOptions, complete, plan
 from labctl.session.run_stop import RunStop
 from labctl.stop import StopRequest
 from protocols.five_trial import FIVE_TRIAL
@@ -57,7 +57,9 @@ class Laboratory:
 
     def prepared(self, protocol=FIVE_TRIAL, **asked):
         asked = {"patterns": ("rod",), "pressures_psi": (1.5,), "trials": 2, "attempts": 2, **asked}
-        return Prepared(protocol, complete(protocol, Asked(**asked), DESIGN), DESIGN, "the design's text")
+        return PreparedRun(
+            protocol, complete(protocol, RunOptions(**asked), DESIGN), DESIGN, "the design's text"
+        )
 
     def run(self, prepared=None, *, run=None, change=lambda trials: trials, operator=None):
         """Conduct a run, or go on with `run`; `change` may put steps of the test's own into the plan."""

@@ -16,7 +16,7 @@ from labctl.doubles.settings import DoublesSettings
 from labctl.errors import InstrumentError, LabError, Stopped
 from labctl.ledger.ledger import Ledger
 from labctl.session.contract import Checklist
-from labctl.session.request import Asked, complete, plan
+from labctl.session.request import RunOptions, complete, plan
 from protocols.five_trial import FIVE_TRIAL
 
 
@@ -24,7 +24,7 @@ def step_words():
     """The steps of one trial of five-trial, as their first words."""
     design = load_design("known")
     text = rig_toml(DoublesSettings(design=design), "/dev/null", "/dev/zero", "127.0.0.1", 0)
-    request = complete(FIVE_TRIAL, Asked(("sphere",)), design)
+    request = complete(FIVE_TRIAL, RunOptions(("sphere",)), design)
     checklist = plan(FIVE_TRIAL, request, design, rig_from_text(text, "rig.toml"))[0].checklist
     return [" ".join(step.words.split()[:2]) for step in checklist.steps]
 

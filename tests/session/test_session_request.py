@@ -9,9 +9,9 @@ from labctl.doubles.rig_file import rig_toml
 from labctl.doubles.settings import DoublesSettings
 from labctl.errors import BadInput, LabError
 from labctl.session.catalogue import find_protocol, protocol_names
-from labctl.session.contract import Request
-from labctl.session.rehearsal import rehearse
-from labctl.session.request import Asked, complete, plan
+from labctl.session.contract import RunRequest
+from labctl.session.dry_run import group_repeated
+from labctl.session.request import RunOptions, complete, plan
 
 DESIGN = load_design("known")
 
@@ -45,7 +45,7 @@ def test_an_unknown_protocol_is_answered_with_the_nearest():
 
 
 def test_five_trials_read_like_the_laboratorys_checklist():
-    trials = planned("five-trial", Asked(("sphere",)))
+    trials = planned("five-trial", RunOptions(("sphere",)))
 
     assert [trial.number for trial in trials] == [1, 2, 3, 4, 5]
     assert [step.words.split(" (")[0] for step in trials[0].checklist.steps] == [
@@ -61,13 +61,13 @@ def test_five_trials_read_like_the_laboratorys_checklist():
 
 
 def test_a_sweep_goes_through_all_pressures_before_it_repeats_one():
-    trials = planned("pressure-sweep", Asked(("sphere",), trials=2))
+    trials = planned("pressure-sweep", RunOptions(("sphere",), trials=2))
 
     assert [trial.pressures_psi for trial in trials] == [(2.6,), (3.0,), (3.5,), (3.9,)] * 2
 
 
 def test_a_calibration_is_a_staircase_within_one_inflation():
-    (trial,) = planned("calibration", Asked(("cylinder",), pressures_psi=(3.0, 2.0), trials=1))
+    (trial,) = planned("calibration", RunOptions(("cylinder",), pressures_psi=(3.0, 2.0), trials=1))
 
     assert trial.pressures_psi == (2.0, 3.0)
     ramps = [step.words for step in trial.checklist.steps if step.words.startswith("ramp")]
@@ -76,7 +76,7 @@ def test_a_calibration_is_a_staircase_within_one_inflation():
 
 
 def test_relaxation_vents_before_it_watches_and_vents_again_in_its_teardown():
-    (trial,) = planned("relaxation", Asked(("sphere",), trials=1, watch_s=30.0))
+    (trial,) = planned("relaxation", RunOptions(("sphere",), trials=1, watch_s=30.0))
 
     words = [step.words for step in trial.checklist.steps]
     assert words[-3:] == [
@@ -87,7 +87,7 @@ def test_relaxation_vents_before_it_watches_and_vents_again_in_its_teardown():
 
 
 def test_layering_measures_both_patterns_on_both_sheets_in_turn():
-    trials = planned("layering", Asked(("cylinder", "sphere"), trials=2))
+    trials = planned("layering", RunOptions(("cylinder", "sphere"), trials=2))
 
     assert [(trial.placement, trial.pattern) for trial in trials] == [
         ("cylinder on sphere", "cylinder"),
@@ -98,29 +98,29 @@ def test_layering_measures_both_patterns_on_both_sheets_in_turn():
 
 def test_a_request_comes_back_from_json_and_makes_the_same_plan():
     protocol = find_protocol("pressure-sweep")
-    request = complete(protocol, Asked(("sphere",)), DESIGN)
+    request = complete(protocol, RunOptions(("sphere",)), DESIGN)
 
-    again = Request.from_json(request.to_json())
+    again = RunRequest.from_json(request.to_json())
 
     assert again == request
-    assert rehearse(plan(protocol, again, DESIGN, rig()))[0].numbers == (1, 5, 9, 13, 17)
+    assert group_repeated(plan(protocol, again, DESIGN, rig()))[0].numbers == (1, 5, 9, 13, 17)
 
 
 @pytest.mark.parametrize(
     ("name", "asked", "words"),
     [
-        ("five-trial", Asked(()), "takes 1 --pattern, 0 given"),
-        ("five-trial", Asked(("sphere", "cylinder")), "takes 1 --pattern, 2 given"),
-        ("layering", Asked(("sphere",)), "takes 2 --pattern"),
-        ("layering", Asked(("sphere", "sphere")), "named twice"),
-        ("five-trial", Asked(("sphere",), pressures_psi=(3.0, 3.5)), "takes 1 --pressure"),
-        ("five-trial", Asked(("spher",)), "unknown pattern 'spher'"),
-        ("five-trial", Asked(("sphere",), watch_s=5.0), "leave --watch out"),
-        ("relaxation", Asked(("sphere",), watch_s=1e9), "is above 21600 s"),
-        ("relaxation", Asked(("sphere",), watch_s=1.0), "--watch 1 s is below 1.5 s"),
-        ("layering", Asked(("sphere", "cylinder"), placement="neat"), "leave --placement out"),
-        ("five-trial", Asked(("sphere",), pressures_psi=(4.2,)), "above the rig's limit of 4 psi"),
-        ("pressure-sweep", Asked(("sphere",), pressures_psi=(3.0, 0.1)), "no inflation"),
+        ("five-trial", RunOptions(()), "takes 1 --pattern, 0 given"),
+        ("five-trial", RunOptions(("sphere", "cylinder")), "takes 1 --pattern, 2 given"),
+        ("layering", RunOptions(("sphere",)), "takes 2 --pattern"),
+        ("layering", RunOptions(("sphere", "sphere")), "named twice"),
+        ("five-trial", RunOptions(("sphere",), pressures_psi=(3.0, 3.5)), "takes 1 --pressure"),
+        ("five-trial", RunOptions(("spher",)), "unknown pattern 'spher'"),
+        ("five-trial", RunOptions(("sphere",), watch_s=5.0), "leave --watch out"),
+        ("relaxation", RunOptions(("sphere",), watch_s=1e9), "is above 21600 s"),
+        ("relaxation", RunOptions(("sphere",), watch_s=1.0), "--watch 1 s is below 1.5 s"),
+        ("layering", RunOptions(("sphere", "cylinder"), placement="neat"), "leave --placement out"),
+        ("five-trial", RunOptions(("sphere",), pressures_psi=(4.2,)), "above the rig's limit of 4 psi"),
+        ("pressure-sweep", RunOptions(("sphere",), pressures_psi=(3.0, 0.1)), "no inflation"),
     ],
 )
 def test_what_a_protocol_does_not_take_is_refused(name, asked, words):
@@ -132,7 +132,7 @@ def test_a_fiber_without_a_valve_is_refused():
     design = load_design("known")
     assert max(design.channels("sphere")) <= 8
     with pytest.raises(BadInput, match="dump valve"):
-        planned("five-trial", Asked(("sphere",)), **{"channels = 32": "channels = 32\ndump_channel = 2"})
+        planned("five-trial", RunOptions(("sphere",)), **{"channels = 32": "channels = 32\ndump_channel = 2"})
 
 
 @pytest.mark.parametrize("numbers", [(0, 1), (1, 1), (2, 1), (2, 3)])
@@ -144,7 +144,7 @@ def test_a_plan_that_does_not_count_its_trials_is_refused(numbers):
         trials = protocol.plan(request, design, config)
         return tuple(replace(trial, number=number) for trial, number in zip(trials, numbers, strict=True))
 
-    request = complete(protocol, Asked(("sphere",), trials=2), DESIGN)
+    request = complete(protocol, RunOptions(("sphere",), trials=2), DESIGN)
     with pytest.raises(BadInput, match="does not number its 2 trials from 1"):
         plan(replace(protocol, plan=misnumbered), request, DESIGN, rig())
 
@@ -152,7 +152,7 @@ def test_a_plan_that_does_not_count_its_trials_is_refused(numbers):
 @pytest.mark.parametrize("placement", ["", " ", "one\ntwo", "\x1b[31mred"])
 def test_a_placement_is_words_in_one_line(placement):
     with pytest.raises(BadInput, match=r"--placement .*: write a word or a few, in one line"):
-        planned("five-trial", Asked(("sphere",), placement=placement))
+        planned("five-trial", RunOptions(("sphere",), placement=placement))
 
 
 @pytest.mark.parametrize("made", [lambda *_: {}["no such key"], lambda *_: None])
@@ -160,7 +160,7 @@ def test_a_protocol_that_makes_no_plan_is_named_with_the_place(made):
     protocol = replace(find_protocol("five-trial"), plan=made)
 
     with pytest.raises(LabError, match=r"protocol 'five-trial' made no plan: \w+Error.*\.py, line \d+"):
-        plan(protocol, complete(protocol, Asked(("sphere",)), DESIGN), DESIGN, rig())
+        plan(protocol, complete(protocol, RunOptions(("sphere",)), DESIGN), DESIGN, rig())
 
 
 @pytest.mark.parametrize("missing", ["main", "teardown"])
@@ -173,6 +173,6 @@ def test_a_trial_without_steps_or_without_a_teardown_is_refused(missing):
         parts = {"main": replace(checklist, setup=(), main=()), "teardown": replace(checklist, teardown=())}
         return (replace(trial, checklist=parts[missing]),)
 
-    request = complete(protocol, Asked(("sphere",), trials=1), DESIGN)
+    request = complete(protocol, RunOptions(("sphere",), trials=1), DESIGN)
     with pytest.raises(BadInput, match="nothing to do or no teardown"):
         plan(replace(protocol, plan=cut), request, DESIGN, rig())

@@ -2,7 +2,7 @@ import pandas as pd
 import pytest
 
 from labctl.errors import BadInput
-from labctl.mocap.measured import read_measured
+from labctl.simulation.measured_heights import read_measured
 from labctl.statistics.summary import summarise
 from labctl.statistics.tables import calibration_table, points_table, table_iii, trials_table
 

@@ -1,0 +1,1 @@
+"""`labctl evolve` and its sub-commands."""

@@ -1,0 +1,284 @@
+"""`labctl evolve show` and `labctl evolve pick`: what a run found, and a design of it to build."""
+
+import os
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from labctl.cli.interrupts import stop_on_signals
+from labctl.cli.non_empty_path import NonEmptyPath
+from labctl.cli.output import emit_json, table
+from labctl.cli.rigs import json_option
+from labctl.errors import BadInput, LabError, Stopped
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from evolve.choose import Rule
+    from evolve.selection import Member
+    from evolve.settings import Settings
+    from labctl.design_search.search_run import SearchRun
+
+_PAGE = "index.html"
+_RULES: "tuple[Rule, ...]" = ("paper", "knee")
+# A table on a terminal; the page and --json have all of a front.
+_ROWS = 20
+# How a picked design begins: only such a file may be replaced by another.
+_HEAD = "Evolved for "
+
+
+@click.command()
+@click.argument("run", type=NonEmptyPath())
+@click.option(
+    "--published",
+    is_flag=True,
+    help="Score the members in the table the published way too; half a second a sheet.",
+)
+@json_option
+def show(run: Path, published: bool, as_json: bool) -> None:
+    """What a run, or the runs of its seeds, found; writes the page that shows it, index.html."""
+    from labctl.design_search.errors import lab_errors
+
+    with lab_errors():
+        tell_runs(run, as_json, published=published)
+
+
+@click.command()
+@click.argument("run", type=NonEmptyPath())
+@click.option("--out", "out_path", type=NonEmptyPath(), help="The design file.  [default: RUN/RULE.toml]")
+@click.option(
+    "--rule",
+    type=click.Choice(_RULES),
+    default="paper",
+    show_default=True,
+    help="Smallest sum of errors above random layouts', or the knee of the front.",
+)
+@click.option("--member", type=click.IntRange(min=0), help="Instead: the member of the front with this id.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), help="Of which run, if there are several.  [default: the best]"
+)
+@json_option
+def pick(
+    run: Path,
+    out_path: Path | None,
+    rule: "Rule",
+    member: int | None,
+    seed: int | None,
+    as_json: bool,
+) -> None:
+    """Write a layout of a run's front as a design file, for labctl inflate --design."""
+    from labctl.atomic_file import atomic_file
+    from labctl.design_search.errors import lab_errors
+    from labctl.design_search.picked_design import design_toml
+    from labctl.design_search.search_run import load_runs
+
+    with lab_errors():
+        runs = load_runs(run)
+        if seed is not None:
+            known = [str(each.settings.seed) for each in runs]
+            runs = [each for each in runs if each.settings.seed == seed]
+            if not runs:
+                raise BadInput(f"{run}: has no run of seed {seed}, only of {', '.join(known)}")
+        if member is not None and len(runs) > 1:
+            raise BadInput(f"{run}: has several runs: say by --seed whose member {member} is meant")
+        of_run, chosen = _chosen(runs, rule, member)
+    said = "the smallest sum of errors" if rule == "paper" else "the knee of the front"
+    said = f"member {member}" if member is not None else said
+    errors = _format_errors(of_run.settings, chosen)
+    remarks = [
+        f"{_HEAD}{', '.join(target.name for target in of_run.settings.problem.targets)}: {said} of seed "
+        f"{of_run.settings.seed}, generation {of_run.checkpoint.state.generation + 1}, member {chosen.id}.",
+        f"Errors in simulation, e_s: {errors}.",
+    ]
+    path = out_path or run / f"{rule if member is None else f'member-{member}'}.toml"
+    _check_replaceable(path)
+    with atomic_file(path) as unfinished:
+        unfinished.write_text(design_toml(chosen, of_run, _name(of_run.settings, chosen), remarks))
+    if as_json:
+        emit_json({"design": str(path), "seed": of_run.settings.seed, **_member(of_run.settings, chosen)})
+        return
+    click.echo(f"{said} of seed {of_run.settings.seed}, member {chosen.id}: {errors}")
+    pattern = of_run.settings.problem.targets[0].name
+    click.echo(f"written: {path}; next: labctl inflate --design {path} --pattern {pattern}")
+
+
+def tell_runs(path: Path, as_json: bool, *, published: bool) -> None:
+    """Tell what the runs of a folder found, and write their page."""
+    try:
+        _tell_runs(path, as_json, published=published)
+    except KeyboardInterrupt:
+        raise Stopped(
+            f"stopped; the run is kept as it was: labctl evolve show {path} draws its page"
+        ) from None
+
+
+def stopped_before_the_page(path: Path) -> Stopped:
+    """What a stop after the search comes to."""
+    return Stopped(f"stopped; the run is kept as it is: labctl evolve show {path} draws its page")
+
+
+def _tell_runs(path: Path, as_json: bool, *, published: bool) -> None:
+    from labctl.design_search.pick import picks_of
+    from labctl.design_search.search_run import load_runs
+    from labctl.report.search.page import write_evolution_page
+
+    runs = load_runs(path)
+    rescored = _rescored(runs) if published else [None] * len(runs)
+    page = path / _PAGE
+    picks = picks_of(runs)
+    try:
+        write_evolution_page(page, runs, picks)
+    except BadInput as error:
+        # What was found needs no page.
+        if not as_json:
+            _tell_all(runs, rescored)
+        raise LabError(f"{error}; the run is kept: mend that, then labctl evolve show {path}") from error
+    if as_json:
+        told = [_for_machines(run, each) for run, each in zip(runs, rescored, strict=True)]
+        emit_json({"runs": told, "page": str(page)})
+        return
+    _tell_all(runs, rescored)
+    click.echo(f"page: {page}")
+
+
+def _tell_all(runs: "list[SearchRun]", rescored: "Sequence[tuple[Member, ...] | None]") -> None:
+    for run, each in zip(runs, rescored, strict=True):
+        _tell(run, each)
+
+
+def _tell(run: "SearchRun", rescored: "tuple[Member, ...] | None") -> None:
+    settings, checkpoint = run.settings, run.checkpoint
+    now = checkpoint.records[-1]
+    names = [target.name for target in settings.problem.targets]
+    click.echo(
+        f"{run.folder}: {', '.join(names)}, {settings.constraints.representation}, seed {settings.seed}, "
+        f"{checkpoint.state.generation + 1} of {run.generations} generations of {settings.population}"
+    )
+    click.echo(
+        f"{now.seconds / 60:.1f} min, {now.counts.simulated} sheets simulated of {now.counts.sheets} asked for, "
+        f"{now.counts.simulated / now.seconds:.1f} a second, {now.counts.failed} without a shape; all but simulating "
+        f"{100 * (1 - now.counts.simulating_s / now.seconds):.1f} % of the time; hypervolume {now.hypervolume:.4f}"
+    )
+    picks = _picks(run)
+    published = {} if rescored is None else {member.id: member for member in rescored}
+    head = ["member", *(f"{name} mm" for name in names)]
+    head += [f"{name} mm as published" for name in names] if published else []
+    shown = _shown(run)
+    rows = []
+    for member in shown:
+        row = [str(member.id), *_millimetres(member)]
+        if published:
+            row += _millimetres(published[member.id]) if member.id in published else ["-"] * len(names)
+        rows.append([*row, str(len(member.genome)), str(member.age), picks.get(member.id, "")])
+    table([*head, "fibers", "age", "pick"], rows)
+    if len(shown) < len(checkpoint.front.members):
+        click.echo(
+            f"{len(shown)} of the front's {len(checkpoint.front.members)} members; all: --json, or the page"
+        )
+    click.echo("")
+
+
+def _shown(run: "SearchRun") -> "list[Member]":
+    """The picks, and others evenly along the front, so many as a terminal can take."""
+    members, picks = run.checkpoint.front.members, _picks(run)
+    step = max(1, -(-len(members) // _ROWS))
+    return [each for n, each in enumerate(members) if n % step == 0 or each.id in picks]
+
+
+def _picks(run: "SearchRun") -> dict[int, str]:
+    """The ids of the members that the rules pick, and the rules."""
+    from labctl.design_search.pick import picks_of
+
+    return {pick.found.member.id: " and ".join(pick.rules) for pick in picks_of([run])}
+
+
+def _for_machines(run: "SearchRun", rescored: "tuple[Member, ...] | None") -> dict[str, Any]:
+    from labctl.design_search.pick import pick_of
+
+    now = run.checkpoint.records[-1]
+    told: dict[str, Any] = {
+        "folder": str(run.folder),
+        "seed": run.settings.seed,
+        "targets": [target.name for target in run.settings.problem.targets],
+        "representation": run.settings.constraints.representation,
+        "generations": run.checkpoint.state.generation + 1,
+        "generations_wanted": run.generations,
+        "population": run.settings.population,
+        "seconds": now.seconds,
+        "sheets": now.counts.sheets,
+        "simulated": now.counts.simulated,
+        "failed": now.counts.failed,
+        "sheets_per_second": now.counts.simulated / now.seconds,
+        "hypervolume": now.hypervolume,
+        "front": [_member(run.settings, member) for member in run.checkpoint.front.members],
+        "picks": {rule: _member(run.settings, pick_of([run], rule).member) for rule in _RULES},
+    }
+    if rescored is not None:
+        told["published"] = [_member(run.settings, member) for member in rescored]
+    return told
+
+
+def _member(settings: "Settings", member: "Member") -> dict[str, Any]:
+    names = [target.name for target in settings.problem.targets]
+    errors_mm = {name: 1e3 * error for name, error in zip(names, member.errors_m or (), strict=True)}
+    return {"member": member.id, "age": member.age, "fibers": len(member.genome), "errors_mm": errors_mm}
+
+
+def _name(settings: "Settings", member: "Member") -> str:
+    names = [target.name for target in settings.problem.targets]
+    return "-".join([*names, f"seed{settings.seed}", f"member{member.id}"])
+
+
+def _format_errors(settings: "Settings", member: "Member") -> str:
+    names = [target.name for target in settings.problem.targets]
+    return ", ".join(f"{name} {mm} mm" for name, mm in zip(names, _millimetres(member), strict=True))
+
+
+def _millimetres(member: "Member") -> list[str]:
+    return [f"{1e3 * error_m:.2f}" for error_m in member.errors_m or ()]
+
+
+def _chosen(runs: "list[SearchRun]", rule: "Rule", wanted: int | None) -> "tuple[SearchRun, Member]":
+    """A member by its id, or by the rule from the fronts of all runs together."""
+    if wanted is None:
+        from labctl.design_search.pick import pick_of
+
+        found = pick_of(runs, rule)
+        return found.run, found.member
+    (run,) = runs
+    for member in run.checkpoint.front.members:
+        if member.id == wanted:
+            return run, member
+    known = ", ".join(str(member.id) for member in run.checkpoint.front.members[:8])
+    raise BadInput(
+        f"{run.folder}: member {wanted} is not on the front; use one of {known} ... (labctl evolve show)"
+    )
+
+
+def _check_replaceable(path: Path) -> None:
+    """Refuse to write over a file that is no picked design: a run's own, a rig's, somebody's work."""
+    begins = f"# {_HEAD}".encode()
+    if path.is_file() and not path.read_bytes().startswith(begins):
+        raise BadInput(f"{path}: is there already and is no picked design: name another file")
+
+
+def _rescored(runs: "list[SearchRun]") -> "list[tuple[Member, ...] | None]":
+    from evolve.errors import SearchStopped
+    from evolve.workers.local import Processes
+    from labctl.design_search.published import published_problem, rescored
+    from sim.warm import compile_kernels
+
+    def compile_first(solver: Any, precision: Any) -> None:  # noqa: ANN401 - the solver's own names
+        compile_kernels(lambda text: click.echo(f"labctl: {text}", err=True), solver, precision)
+
+    problem = published_problem(runs[0], compile_first)
+    try:
+        with (
+            stop_on_signals(doing="stopping") as stop,
+            Processes(problem, len(os.sched_getaffinity(0))) as pool,
+        ):
+            return [rescored(_shown(run), problem, pool, time.monotonic, lambda: stop.asked) for run in runs]
+    except SearchStopped as error:
+        raise Stopped("stopped; nothing was changed") from error

@@ -1,0 +1,1 @@
+"""`labctl run`, and the words to a run that goes on."""

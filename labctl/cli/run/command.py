@@ -1,0 +1,154 @@
+"""`labctl run PROTOCOL`: a scripted measurement, every trial committed to the ledger before it is told."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from labctl.cli.ledgers import ledger_option
+from labctl.cli.rigs import design_option, json_option, rig_option
+from labctl.errors import BadInput
+
+if TYPE_CHECKING:
+    from labctl.session.request import RunOptions
+
+
+@click.command()
+@click.argument("protocol", required=False)
+@click.option(
+    "--pattern", "patterns", multiple=True, help="The design's pattern to stiffen; layering takes two."
+)
+@click.option(
+    "--pressure",
+    "pressure_texts",
+    multiple=True,
+    help="Gauge pressure to hold; may be repeated.  [default: the protocol's]",
+)
+@click.option("--trials", type=click.IntRange(1, 100), help="Of each kind.  [default: the protocol's]")
+@click.option(
+    "--attempts",
+    type=click.IntRange(1, 20),
+    default=3,
+    show_default=True,
+    help="SessionOptions often a trial that is not good is tried.",
+)
+@click.option(
+    "--placement", help="SessionOptions the fibers lie, for the tables.  [default: neat or combined]"
+)
+@click.option(
+    "--watch", "watch_text", help="SessionOptions long to watch the sheet after venting (relaxation)."
+)
+@click.option("--operator", envvar="LABCTL_OPERATOR", help="Who measures.  [default: the user's name]")
+@click.option("--note", default="", help="Anything worth knowing in six months.")
+@click.option(
+    "--dry-run", is_flag=True, help="Print the steps with their times, check every limit, touch nothing."
+)
+@click.option(
+    "--continue", "continued", metavar="RUN", help="Go on with an interrupted run at its next trial."
+)
+@click.option(
+    "--speed",
+    type=click.FloatRange(0.1, 100),
+    help="SessionOptions fast the time of the command's own doubles runs.  [default: 1]",
+)
+@design_option
+@rig_option
+@ledger_option
+@json_option
+@click.pass_context
+def run(
+    ctx: click.Context,
+    protocol: str | None,
+    patterns: tuple[str, ...],
+    pressure_texts: tuple[str, ...],
+    trials: int | None,
+    attempts: int,
+    placement: str | None,
+    watch_text: str | None,
+    operator: str | None,
+    note: str,
+    dry_run: bool,
+    continued: str | None,
+    speed: float | None,
+    design_name: str,
+    rig_path: Path | None,
+    ledger_folder: Path,
+    as_json: bool,
+) -> None:
+    """Run a protocol: five-trial, pressure-sweep, relaxation, layering, calibration, or your own.
+
+    Each trial is in the ledger before it is told. Ctrl-C at any moment ends in SAFE; --continue RUN goes on at
+    the next trial. Exit code 0 means that every trial is good and SAFE was read back.
+    """
+    from labctl.cli.run.options import SessionOptions
+    from labctl.session.preparation import prepare
+
+    how = SessionOptions(rig_path, ledger_folder, speed, operator, note, as_json)
+    # No range refuses what is no number.
+    if speed is not None and math.isnan(speed):
+        raise BadInput("--speed nan is no number; write for example --speed 20")
+    if speed is not None and rig_path is not None:
+        raise BadInput("--speed is for the command's own doubles; a rig.toml says its own speed")
+    if continued is not None:
+        _refuse_beside_continue(ctx)
+        from labctl.cli.run.session import go_on
+
+        go_on(continued, how)
+        return
+    if protocol is None:
+        raise BadInput(f"which protocol? {_protocols()}")
+    asked = _asked(patterns, pressure_texts, trials, attempts, placement, watch_text)
+    prepared = prepare(protocol, asked, design_name)
+    if dry_run:
+        from labctl.cli.run.dry_run import tell_plan
+
+        tell_plan(prepared, rig_path, as_json)
+        return
+    # The instruments' side takes a second to import: what is asked for wrongly is answered before.
+    from labctl.cli.run.session import begin
+
+    begin(prepared, design_name, how)
+
+
+def _refuse_beside_continue(ctx: click.Context) -> None:
+    """What a run is was settled when it began."""
+    own = {"continued", "rig_path", "ledger_folder", "speed", "operator", "note", "as_json"}
+    given = [
+        name
+        for name in ctx.params
+        if name not in own and ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+    ]
+    if given:
+        names = {parameter.name: parameter.opts[0] for parameter in ctx.command.params}
+        raise BadInput(
+            f"{', '.join(names[name] for name in given)}: --continue goes on with what the run was begun with; "
+            "leave it out"
+        )
+
+
+def _asked(
+    patterns: tuple[str, ...],
+    pressure_texts: tuple[str, ...],
+    trials: int | None,
+    attempts: int,
+    placement: str | None,
+    watch_text: str | None,
+) -> "RunOptions":
+    from labctl.config.quantity import duration_s, pressure_psi
+    from labctl.session.request import RunOptions
+
+    return RunOptions(
+        patterns=patterns,
+        pressures_psi=tuple(pressure_psi(text) for text in pressure_texts),
+        trials=trials,
+        attempts=attempts,
+        placement=placement,
+        watch_s=None if watch_text is None else duration_s(watch_text),
+    )
+
+
+def _protocols() -> str:
+    from labctl.session.catalogue import protocol_names
+
+    return f"There are {', '.join(protocol_names())}"

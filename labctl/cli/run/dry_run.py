@@ -1,0 +1,96 @@
+"""`labctl run --dry-run`: the plan in words and times, every limit checked, no instrument touched."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from labctl.cli.output import banner, emit_json
+from labctl.cli.rigs import rig_to_be
+
+if TYPE_CHECKING:
+    from labctl.config.rig import RigConfig
+    from labctl.session.contract import Step
+    from labctl.session.dry_run import RepeatedTrials
+    from labctl.session.preparation import PreparedRun
+
+
+def tell_plan(prepared: "PreparedRun", rig_path: Path | None, as_json: bool) -> None:
+    """Check the whole plan against the rig's limits and print it.
+
+    Raises:
+        BadInput: it cannot be run on this rig.
+    """
+    from labctl.session.dry_run import group_repeated
+    from labctl.session.request import plan
+
+    config = rig_to_be(rig_path, prepared.design)
+    trials = plan(prepared.protocol, prepared.request, prepared.design, config)
+    kinds = group_repeated(trials)
+    lasts_s = sum(kind.lasts_s for kind in kinds)
+    if as_json:
+        emit_json(_for_machines(prepared, config, kinds, lasts_s))
+        return
+    banner(config.simulated)
+    click.echo(
+        f"{prepared.protocol.name} on {config.name}: {len(trials)} trials, usually {_minutes(lasts_s)}"
+    )
+    for kind in kinds:
+        click.echo("")
+        _tell_kind(kind, len(trials))
+    limits = config.limits
+    click.echo("")
+    click.echo(
+        f"checked: every pressure within {limits.safe_pressure_psi:g} to {limits.max_pressure_psi:g} psi, every "
+        f"fiber on one of {config.valves.channels} channels ({config.source}); no instrument was touched"
+    )
+
+
+def _tell_kind(kind: "RepeatedTrials", trials: int) -> None:
+    pressures = ", ".join(f"{pressure:.2f}" for pressure in kind.pressures_psi)
+    numbers = ", ".join(map(str, kind.numbers))
+    click.echo(f"trial {numbers} of {trials}: {kind.placement} {kind.pattern} at {pressures} psi")
+    if kind.sheet:
+        click.echo(f"on {kind.sheet}")
+    width = max(len(step.words) for step in kind.checklist.steps)
+    click.echo(f"{'':10}{'step':{width}}  {'usually':>8}  {'at most':>8}")
+    for part, step in _steps(kind):
+        click.echo(f"{part:10}{step.words:{width}}  {step.lasts_s:6.0f} s  {step.deadline_s:6.0f} s")
+
+
+def _steps(kind: "RepeatedTrials") -> list[tuple[str, "Step"]]:
+    checklist = kind.checklist
+    parts = (("setup", checklist.setup), ("main", checklist.main), ("teardown", checklist.teardown))
+    return [(part, step) for part, steps in parts for step in steps]
+
+
+def _for_machines(
+    prepared: "PreparedRun", config: "RigConfig", kinds: tuple["RepeatedTrials", ...], lasts_s: float
+) -> dict[str, Any]:
+    return {
+        "simulated": config.simulated,
+        "request": prepared.request.to_json(),
+        "lasts_s": lasts_s,
+        "trials": [
+            {
+                "numbers": kind.numbers,
+                "placement": kind.placement,
+                "pattern": kind.pattern,
+                "pressures_psi": kind.pressures_psi,
+                "steps": [
+                    {
+                        "part": part,
+                        "words": step.words,
+                        "lasts_s": step.lasts_s,
+                        "deadline_s": step.deadline_s,
+                    }
+                    for part, step in _steps(kind)
+                ],
+            }
+            for kind in kinds
+        ],
+    }
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"

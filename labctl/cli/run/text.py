@@ -1,0 +1,180 @@
+"""What `labctl run` says: trial by trial, the result, and beforehand the plan."""
+
+import getpass
+import select
+import sys
+import termios
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from labctl.cli.output import ProgressLine, banner, emit_json, table
+from labctl.errors import BadInput, Stopped
+from labctl.nonblocking_output import NonBlockingOutput
+
+if TYPE_CHECKING:
+    from labctl.config.rig import RigConfig
+    from labctl.ledger.records import RunRecord, TrialRecord
+    from labctl.rig import Rig
+    from labctl.safety.safe_state import SafeReport
+    from labctl.session.contract import Trial
+    from labctl.session.engine import Listener
+    from labctl.statistics.summary import RunSummary
+
+_LOOK_S = 0.2
+
+
+class RunReporter:
+    """Says on standard output what is committed; waits for nobody who does not read.
+
+    Args:
+        line: the progress line.
+        config: the rig's.
+        trials: the plan.
+        quiet: standard output is for machines.
+
+    Raises:
+        BadInput: somebody will have to change the sheet, and nobody is at a terminal.
+    """
+
+    def __init__(
+        self, line: ProgressLine, config: "RigConfig", trials: Sequence["Trial"], *, quiet: bool
+    ) -> None:
+        self._line = line
+        self._config = config
+        self._planned = len(trials)
+        self._quiet = quiet
+        self._teller = NonBlockingOutput(click.echo)
+        if any(trial.sheet for trial in trials) and not config.simulated and not sys.stdin.isatty():
+            raise BadInput("this protocol asks for another sheet on the way: run it at a terminal")
+
+    def begun(self, run: "RunRecord") -> None:
+        """Say which run it is."""
+        self._say(f"run {run.number}: {run.protocol}, design {run.design_name}, {self._planned} trials")
+
+    def listener(self) -> "Listener":
+        """Who the engine tells."""
+        from labctl.session.engine import Listener
+
+        return Listener(self._committed, self._line.show, self._line.note, self._mount)
+
+    def finish(self) -> None:
+        """Let what is waiting be said, for a second at most."""
+        self._teller.finish()
+
+    def _committed(self, record: "TrialRecord") -> None:
+        self._say(describe_trial(record, self._planned))
+
+    def _say(self, text: str) -> None:
+        if not self._quiet:
+            self._teller.tell(text)
+
+    def _mount(self, sheet: str, rig: "Rig") -> None:
+        """Wait until a person has laid the sheet on the rig; the doubles' sheet knows no order of fibers."""
+        if self._config.simulated:
+            self._line.note(f"{sheet}: the simulated sheet is the same in either order")
+            return
+        # An Enter from before the question answers nothing.
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        self._line.note(f"lay {sheet} on the rig, which is SAFE, then press Enter")
+        while not select.select([sys.stdin], [], [], 0)[0]:
+            rig.wait(_LOOK_S)
+        if not sys.stdin.readline():
+            raise Stopped("stopped by the end of the terminal's input, where Enter was waited for")
+
+
+def describe_trial(record: "TrialRecord", planned: int) -> str:
+    """A committed trial in one line."""
+    pressures = ", ".join(f"{pressure:.2f}" for pressure in record.pressures_psi)
+    head = f"trial {record.number} of {planned}: {record.placement} {record.pattern} at {pressures} psi"
+    if record.outcome != "good" or record.result is None:
+        return f"{head}, attempt {record.attempt}: {record.outcome.upper()}: {record.reason}"
+    errors = [
+        f"{level['e_t_percent']:.1f} %"
+        for level in record.result["levels"]
+        if level["e_t_percent"] is not None
+    ]
+    return f"{head}: e_t {', '.join(errors) or 'not compared'}"
+
+
+def default_operator() -> str:
+    """The user's name; "" where the system has none."""
+    with suppress(OSError, KeyError):
+        return getpass.getuser()
+    return ""
+
+
+def tell_result(
+    run: "RunRecord",
+    summary: "RunSummary",
+    trials: Sequence["TrialRecord"],
+    safe: "SafeReport | None",
+    as_json: bool,
+) -> None:
+    """The result of a finished run, for a person or a machine."""
+    from labctl.statistics.summary import summary_to_json
+
+    if as_json:
+        emit_json(
+            {
+                "simulated": run.simulated,
+                "run": run.number,
+                "protocol": run.protocol,
+                "trials": [_trial_for_machines(trial) for trial in trials],
+                "summary": summary_to_json(summary),
+                "safe": safe is not None and safe.safe,
+            }
+        )
+        return
+    click.echo("")
+    banner(run.simulated)
+    tell_summary(summary)
+    if safe is not None:
+        click.echo(safe.describe())
+    click.echo(f"look at it: labctl show {run.number}, labctl report {run.number}")
+
+
+def tell_summary(summary: "RunSummary") -> None:
+    """The groups of a run as a table."""
+    rows = [
+        (
+            group.placement,
+            group.pattern,
+            f"{group.pressure_psi:.2f}",
+            str(group.trials),
+            _spread(group.e_t_mean_percent, group.e_t_sd_percent),
+            _interval(group.e_t_low_percent, group.e_t_high_percent),
+            _spread(group.tau_mean_s, group.tau_sd_s),
+        )
+        for group in summary.groups
+    ]
+    head = ("placement", "pattern", "psi", "trials", "e_t %", "95 %", "tau s")
+    with_tau = any(row[-1] != "-" for row in rows)
+    table(head if with_tau else head[:-1], rows if with_tau else [row[:-1] for row in rows])
+
+
+def _trial_for_machines(trial: "TrialRecord") -> dict[str, Any]:
+    levels = [] if trial.result is None else trial.result["levels"]
+    return {
+        "number": trial.number,
+        "attempt": trial.attempt,
+        "placement": trial.placement,
+        "pattern": trial.pattern,
+        "pressures_psi": trial.pressures_psi,
+        "outcome": trial.outcome,
+        "reason": trial.reason,
+        "e_t_percent": [level["e_t_percent"] for level in levels],
+        "heights_mm": [level["heights_mm"] for level in levels],
+    }
+
+
+def _spread(mean: float | None, sd: float | None) -> str:
+    if mean is None:
+        return "-"
+    return f"{mean:.2f}" if sd is None else f"{mean:.2f} +- {sd:.2f}"
+
+
+def _interval(low: float | None, high: float | None) -> str:
+    return "-" if low is None or high is None else f"{low:.2f} to {high:.2f}"

@@ -1,0 +1,1 @@
+"""A trial's raw recordings: Parquet files, whole or not there."""

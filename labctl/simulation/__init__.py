@@ -1,0 +1,1 @@
+"""The one joint between the laboratory's files and `sim`."""

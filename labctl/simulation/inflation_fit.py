@@ -1,0 +1,83 @@
+"""Measured heights against simulated ones: which inflation fits, and how well."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+
+from labctl.config.design import Design
+from labctl.errors import BadInput
+from labctl.mocap.transfer import transfer_error
+from labctl.simulation.measured_heights import MeasuredHeights
+from labctl.simulation.patterns import heights_over_strain
+
+# The simulated heights are smooth in strain; between these rungs they are interpolated.
+_STRAINS = np.linspace(0.0, 0.6, 13)
+_AT_END = 1e-3
+
+
+@dataclass(frozen=True)
+class InflationFit:
+    """The simulated inflation that comes nearest to the heights measured at one pressure.
+
+    `strain` is the linear strain of the expanding layer and `offset_mm` how much higher than on its table the
+    simulated sheet is set: neither the real sheet's support nor its thickness, which pillars hold, is the
+    simulator's (docs/decisions/0004). `mean_height_error_mm` is the mean over the points of |measured -
+    simulated| height above the uninflated sheet, `transfer_error_percent` the paper's equation 2 on the same
+    heights. `at_end` tells that the best strain is the largest that is simulated.
+    """
+
+    pressure_psi: float
+    strain: float
+    offset_mm: float
+    mean_height_error_mm: float
+    transfer_error_percent: float
+    at_end: bool
+
+
+def fit_inflation(design: Design, pattern: str, measured: MeasuredHeights) -> tuple[InflationFit, ...]:
+    """Fit strain and offset to each pressure's heights, by the smallest mean height error.
+
+    Raises:
+        BadInput: a point is not on the sheet, or the pattern is unknown.
+        LabError: the simulation failed.
+    """
+    for pressure_psi, heights_mm in zip(measured.pressures_psi, measured.heights_mm, strict=True):
+        if np.ptp(heights_mm) == 0:
+            raise BadInput(
+                f"{measured.source}: at {pressure_psi:g} psi every point rose alike: no shape to compare; "
+                "leave that column out"
+            )
+    try:
+        rungs_mm = heights_over_strain(design, pattern, tuple(_STRAINS), measured.points_mm)
+    except BadInput as error:
+        raise BadInput(f"{measured.source}: {error}") from error
+    simulated = CubicSpline(_STRAINS, rungs_mm)
+    return tuple(
+        _fit(pressure_psi, heights_mm, simulated)
+        for pressure_psi, heights_mm in zip(measured.pressures_psi, measured.heights_mm, strict=True)
+    )
+
+
+def _fit(pressure_psi: float, measured_mm: NDArray[np.float64], simulated: CubicSpline) -> InflationFit:
+    def offset_mm(strain: float) -> float:
+        # The median is what makes a mean absolute difference smallest.
+        return float(np.median(measured_mm - simulated(strain)))
+
+    def mean_error_mm(strain: float) -> float:
+        return float(np.abs(measured_mm - simulated(strain) - offset_mm(strain)).mean())
+
+    # The error has kinks: the best rung first, then between its neighbours.
+    best = int(np.argmin([mean_error_mm(strain) for strain in _STRAINS]))
+    low, high = _STRAINS[max(best - 1, 0)], _STRAINS[min(best + 1, len(_STRAINS) - 1)]
+    strain = float(minimize_scalar(mean_error_mm, bounds=(low, high), method="bounded").x)
+    return InflationFit(
+        pressure_psi=pressure_psi,
+        strain=strain,
+        offset_mm=offset_mm(strain),
+        mean_height_error_mm=mean_error_mm(strain),
+        transfer_error_percent=transfer_error(measured_mm, simulated(strain) + offset_mm(strain)).percent,
+        at_end=strain > _STRAINS[-1] - _AT_END,
+    )

@@ -1,0 +1,1 @@
+"""A run's numbers again, from its raw files."""

@@ -1,0 +1,131 @@
+"""Are a run's raw files as recorded, and do they give the recorded numbers again, to the last bit?"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from labctl.errors import LabError
+from labctl.ledger.ledger import Ledger
+from labctl.ledger.raw.check import file_problem
+from labctl.ledger.raw.recording import read_frames, read_pressures
+from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
+from labctl.measurement.codec import basis_of, to_json, window_from_json
+from labctl.measurement.derive import derive
+from labctl.statistics.summary import summarise, summary_to_json
+from labctl.verification.differences import Difference, differences
+
+# What a recording must have for its numbers to be derived.
+_STREAMS = ("frames", "pressures")
+
+
+@dataclass(frozen=True)
+class TrialVerification:
+    """One attempt: what is wrong with its files and record, and which of its numbers do not come out again.
+
+    `files` are those looked at; `recomputed` is False where there was no recording or no number to recompute.
+    """
+
+    number: int
+    attempt: int
+    outcome: str
+    files: tuple[str, ...]
+    recomputed: bool
+    problems: tuple[str, ...]
+    differences: tuple[Difference, ...]
+
+    @property
+    def agrees(self) -> bool:
+        """Nothing is wrong."""
+        return not self.problems and not self.differences
+
+
+@dataclass(frozen=True)
+class Verification:
+    """A run: its attempts, and the summary of its last "finished" event; `summary` is None where it has none.
+
+    `unrecorded` are files in the run's folder that no attempt is recorded with: what a program that died within a
+    trial, or a full disk, has left there.
+    """
+
+    run: int
+    trials: tuple[TrialVerification, ...]
+    summary: tuple[Difference, ...] | None
+    unrecorded: tuple[str, ...] = ()
+
+    @property
+    def agrees(self) -> bool:
+        """Every attempt and the summary agree."""
+        return all(trial.agrees for trial in self.trials) and not self.summary
+
+    @property
+    def differences(self) -> tuple[Difference, ...]:
+        """Every number of the run that does not come out again."""
+        return (*(each for trial in self.trials for each in trial.differences), *(self.summary or ()))
+
+
+def verify_run(ledger: Ledger, run: RunRecord) -> Verification:
+    """Look at every raw file of a run and recompute every number from them; changes nothing."""
+    trials = ledger.trials(run.number)
+    return Verification(
+        run=run.number,
+        trials=tuple(verify_trial(ledger.folder, run, trial) for trial in trials),
+        summary=_verify_summary(run, trials, ledger.events(run.number)),
+        unrecorded=_unrecorded(ledger, run, trials),
+    )
+
+
+def _unrecorded(ledger: Ledger, run: RunRecord, trials: Sequence[TrialRecord]) -> tuple[str, ...]:
+    named = {file.path for trial in trials for file in trial.raw.values()}
+    there = (path.relative_to(ledger.folder).as_posix() for path in ledger.raw_folder(run).glob("*"))
+    return tuple(sorted(path for path in there if path not in named))
+
+
+def verify_trial(folder: Path, run: RunRecord, trial: TrialRecord) -> TrialVerification:
+    """Look at one attempt's raw files, which are in the ledger's folder, and recompute its numbers from them."""
+    problems = [words for file in trial.raw.values() if (words := file_problem(folder, file)) is not None]
+    found: tuple[Difference, ...] = ()
+    recomputed = False
+    if not problems and trial.result is not None and all(stream in trial.raw for stream in _STREAMS):
+        try:
+            found = _recompute(folder, run, trial)
+            recomputed = True
+        except LabError as error:
+            problems.append(str(error))
+    if trial.outcome == "good" and not problems:
+        problems += _good_problems(trial, recomputed)
+    return TrialVerification(
+        number=trial.number,
+        attempt=trial.attempt,
+        outcome=trial.outcome,
+        files=tuple(file.path for file in trial.raw.values()),
+        recomputed=recomputed,
+        problems=tuple(problems),
+        differences=found,
+    )
+
+
+def _recompute(folder: Path, run: RunRecord, trial: TrialRecord) -> tuple[Difference, ...]:
+    result = derive(
+        read_frames(folder / trial.raw["frames"].path),
+        read_pressures(folder / trial.raw["pressures"].path),
+        [window_from_json(window) for window in trial.windows],
+        basis_of(run, trial.pattern),
+    )
+    return differences(trial.result, to_json(result))
+
+
+def _good_problems(trial: TrialRecord, recomputed: bool) -> list[str]:
+    """What does not go together with a trial that is recorded as good."""
+    if not recomputed:
+        return ["recorded as good, and there is no recording or no result to recompute"]
+    problems = () if trial.result is None else trial.result["problems"]
+    return [f"recorded as good, although: {problem}" for problem in problems]
+
+
+def _verify_summary(
+    run: RunRecord, trials: Sequence[TrialRecord], events: Sequence[EventRecord]
+) -> tuple[Difference, ...] | None:
+    stored = [event.detail["summary"] for event in events if event.kind == "finished"]
+    if not stored:
+        return None
+    return differences(stored[-1], summary_to_json(summarise(run, trials)))
