@@ -162,7 +162,7 @@ def sleeping() -> Iterator[list[float]]:
 def record(config: RigConfig, seconds: float, folder: Path) -> Load:
     """Hold the sheet inflated and record for `seconds`."""
     stop = StopRequest()
-    with Rig(config, stop=stop, tell=print) as rig:
+    with Rig(config, stop=stop, notify=print) as rig:
         rig.make_safe()
         rig.jam({4})
         rig.start_control()

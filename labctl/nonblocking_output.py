@@ -1,43 +1,43 @@
-"""Saying things without waiting for a listener: a terminal that is stopped (Ctrl-S) must not stop the laboratory."""
+"""Output that waits for no reader: a terminal that is stopped (Ctrl-S) must not stop the laboratory."""
 
 import queue
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 
-_WAITING = 200
+_QUEUED = 200
 
 
 class NonBlockingOutput:
-    """Hands text to `write` on a thread of its own; `tell` never waits and never raises.
+    """Hands text to `write_out` on a thread of its own; `write` never waits and never raises.
 
-    While `write` is stuck, what comes is kept up to a bound and then dropped. What `write` raises (a closed
-    pipe, a full disk) ends nothing but that text.
+    While `write_out` is stuck, text is queued up to a bound and then dropped. What `write_out` raises (a closed
+    pipe, a full disk) loses only that text.
     """
 
-    def __init__(self, write: Callable[[str], None]) -> None:
-        self._write = write
-        self._waiting: queue.Queue[str | None] = queue.Queue(_WAITING)
-        self._thread = threading.Thread(target=self._run, name="telling", daemon=True)
+    def __init__(self, write_out: Callable[[str], None]) -> None:
+        self._write_out = write_out
+        self._queue: queue.Queue[str | None] = queue.Queue(_QUEUED)
+        self._thread = threading.Thread(target=self._run, name="output", daemon=True)
         self._thread.start()
 
-    def tell(self, text: str) -> None:
-        """Say `text` soon."""
+    def write(self, text: str) -> None:
+        """Queue `text`."""
         try:
-            self._waiting.put_nowait(text)
+            self._queue.put_nowait(text)
         except queue.Full:
             return
 
     def finish(self, timeout_s: float = 1.0) -> None:
-        """Let what is waiting be said, for at most `timeout_s`; then nothing more is."""
+        """Write what is queued, for at most `timeout_s`; nothing is written after that."""
         try:
-            self._waiting.put(None, timeout=timeout_s)
+            self._queue.put(None, timeout=timeout_s)
         except queue.Full:
             return
         self._thread.join(timeout_s)
 
     def _run(self) -> None:
-        while (text := self._waiting.get()) is not None:
+        while (text := self._queue.get()) is not None:
             # Whatever a terminal does, the next text may fare better.
             with suppress(Exception):
-                self._write(text)
+                self._write_out(text)

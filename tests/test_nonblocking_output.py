@@ -7,7 +7,7 @@ def test_says_everything_in_order():
     said = []
     teller = NonBlockingOutput(said.append)
     for number in range(20):
-        teller.tell(str(number))
+        teller.write(str(number))
     teller.finish()
     assert said == [str(number) for number in range(20)]
 
@@ -16,7 +16,7 @@ def test_a_listener_that_is_stuck_makes_nobody_wait():
     gate = threading.Event()
     teller = NonBlockingOutput(lambda text: gate.wait(10))
     for _ in range(10_000):
-        teller.tell("still here")
+        teller.write("still here")
     teller.finish(0.05)
     gate.set()
 
@@ -30,7 +30,7 @@ def test_a_listener_that_fails_fails_alone():
         said.append(text)
 
     teller = NonBlockingOutput(write)
-    teller.tell("bad")
-    teller.tell("good")
+    teller.write("bad")
+    teller.write("good")
     teller.finish()
     assert said == ["good"]

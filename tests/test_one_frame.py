@@ -84,7 +84,7 @@ def measured(design, tmp_path_factory):
     with Doubles(settings) as doubles:
         path.write_text(doubles.rig_toml())
         config = load_rig(path)
-        with Rig(config, stop=StopRequest(), tell=lambda _: None) as rig:
+        with Rig(config, stop=StopRequest(), notify=lambda _: None) as rig:
             result = inflate(rig, InflateOrder(design.channels("hook"), 3.9), lambda _: None)
     return config.markers.points_mm(), result
 

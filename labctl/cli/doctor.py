@@ -11,7 +11,7 @@ from labctl.cli.output import banner, emit_json
 from labctl.cli.rigs import chosen_rig, json_option, rig_option
 
 if TYPE_CHECKING:
-    from labctl.clock import Clock
+    from labctl.clock import Scheduler
     from labctl.config.rig import RigConfig
     from labctl.instruments.readings import Identity
 
@@ -70,7 +70,7 @@ def doctor(rig_path: Path | None, as_json: bool) -> int:
 
 
 def _guarded(
-    examine: Callable[["RigConfig", "Clock"], list[Finding]], config: "RigConfig", wall: "Clock"
+    examine: Callable[["RigConfig", "Scheduler"], list[Finding]], config: "RigConfig", wall: "Scheduler"
 ) -> list[Finding]:
     from labctl.errors import LabError
 
@@ -80,7 +80,7 @@ def _guarded(
         return [Finding(examine.__name__.strip("_"), "fault", str(error))]
 
 
-def _regulator(config: "RigConfig", wall: "Clock") -> list[Finding]:
+def _regulator(config: "RigConfig", wall: "Scheduler") -> list[Finding]:
     from labctl.drivers.opening import open_regulator
 
     regulator = open_regulator(config.regulator, config.limits, wall)
@@ -117,7 +117,7 @@ def _setpoint_source(identity: "Identity") -> Finding:
     return Finding("setpoint source", "ok", identity.setpoint_source)
 
 
-def _valves(config: "RigConfig", wall: "Clock") -> list[Finding]:
+def _valves(config: "RigConfig", wall: "Scheduler") -> list[Finding]:
     from labctl.drivers.opening import open_valves
 
     valves = open_valves(config.valves, wall)
@@ -132,7 +132,7 @@ def _valves(config: "RigConfig", wall: "Clock") -> list[Finding]:
     ]
 
 
-def _markers(config: "RigConfig", wall: "Clock") -> list[Finding]:
+def _markers(config: "RigConfig", wall: "Scheduler") -> list[Finding]:
     from labctl.drivers.opening import open_markers
     from labctl.mocap.window import average
     from labctl.rig.marker_feed import MarkerFeed
@@ -165,11 +165,11 @@ def _markers(config: "RigConfig", wall: "Clock") -> list[Finding]:
     return findings
 
 
-def _guard(config: "RigConfig", wall: "Clock") -> list[Finding]:
-    from labctl.safety.guard import Guard
+def _guard(config: "RigConfig", wall: "Scheduler") -> list[Finding]:
+    from labctl.safety.guard import GuardProcess
 
     start_s = wall.now_s()
-    guard = Guard(config)
+    guard = GuardProcess(config)
     guard.wait_armed()
     took_s = wall.now_s() - start_s
     guard.stand_down()

@@ -147,12 +147,12 @@ def serve(
         trace_path=trace_path,
     )
 
-    def say(text: str) -> None:
+    def notify(text: str) -> None:
         click.echo(f"labctl: {text}", err=True)
 
     with (
         stop_on_signals(None if lease else "ending the doubles") as stop,
-        Doubles(settings, say=say) as served,
+        Doubles(settings, notify=notify) as served,
     ):
         _write(out_path, served.rig_toml())
         if as_json:

@@ -54,7 +54,7 @@ def inflate(pattern: str, pressure_text: str, design_name: str, rig_path: Path |
             simulated = simulate_pattern(design, pattern, design.sheet.strain_at(wanted_psi))
             simulated_mm = simulated.points_mm(points_mm)[:, 2]
             line.show("opening the rig")
-            with reporting(Rig(config, stop=stop, tell=line.note)) as rig:
+            with reporting(Rig(config, stop=stop, notify=line.note)) as rig:
                 result = run_inflate(
                     rig,
                     InflateOrder(channels, wanted_psi),

@@ -50,7 +50,7 @@ class ProgressLine:
         self._quiet = quiet and not self._live
         self._step = ""
         self._width = 0
-        self._teller = NonBlockingOutput(self._write)
+        self._output = NonBlockingOutput(self._write)
 
     def __enter__(self) -> "ProgressLine":
         return self
@@ -59,8 +59,8 @@ class ProgressLine:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._live and self._step:
-            self._teller.tell("")
-        self._teller.finish()
+            self._output.write("")
+        self._output.finish()
 
     @property
     def live(self) -> bool:
@@ -72,14 +72,14 @@ class ProgressLine:
         if self._quiet:
             return
         if self._live:
-            self._teller.tell(f"\r{step} {detail}".rstrip())
+            self._output.write(f"\r{step} {detail}".rstrip())
         elif step != self._step:
-            self._teller.tell(f"... {step}")
+            self._output.write(f"... {step}")
         self._step = step
 
     def note(self, text: str) -> None:
         """Say something that must stay readable."""
-        self._teller.tell(f"labctl: {text}")
+        self._output.write(f"labctl: {text}")
 
     def _write(self, text: str) -> None:
         if text.startswith("\r"):

@@ -31,7 +31,7 @@ def vent(rig_path: Path | None, as_json: bool) -> int:
             # The guard of a run that has just ended may still be venting.
             patience_s=_BUSY_S,
             patient_with=LinkBusy,
-            say=lambda text: click.echo(f"labctl: {text}", err=True),
+            notify=lambda text: click.echo(f"labctl: {text}", err=True),
         )
     if as_json:
         emit_json(

@@ -2,6 +2,7 @@
 
 from typing import Protocol
 
+from labctl.doubles.device_end import HangUpError
 from labctl.doubles.modbus_frames import (
     BROADCAST,
     ModbusError,
@@ -11,7 +12,6 @@ from labctl.doubles.modbus_frames import (
     rtu_frame,
     take_tcp_frame,
 )
-from labctl.doubles.transports import HangUpError
 
 
 class ModbusDevice(Protocol):

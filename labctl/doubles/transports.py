@@ -6,80 +6,31 @@ import select
 import socket
 import threading
 import tty
-from collections import deque
 from collections.abc import Callable
-from typing import Protocol
 
 from labctl.clock import Clock
-from labctl.doubles.faults import Delivery, LineFaults
+from labctl.doubles.device_end import GAP_S, DeviceEnd, HangUpError, Line
+from labctl.doubles.faults import LineFaults
 
-# Silence that ends a serial Modbus frame: 3.5 characters at 9600 baud are 4 ms.
-GAP_S = 0.005
 _RESTING_POLL_S = 0.05
 _CLOSE_TIMEOUT_S = 5.0
 
 
-class HangUpError(Exception):
-    """The peer sent what ends the connection."""
-
-
-class Line(Protocol):
-    """A device's end of one connection: bytes in, replies out."""
-
-    @property
-    def waiting(self) -> bool:
-        """A silence, or the time, will bring a reply without further bytes."""
-        ...
-
-    def receive(self, data: bytes) -> list[bytes]:
-        """One reply for each request that `data` completes, empty where the request gets none."""
-        ...
-
-    def idle(self) -> list[bytes]:
-        """Replies to what a silence of `GAP_S` completes."""
-        ...
-
-    def unprompted(self) -> bytes:
-        """What the device sends of its own accord now."""
-        ...
-
-    def readdressed(self, reply: bytes) -> bytes:
-        """The reply with another device's address and everything else in order."""
-        ...
-
-
 class _Connection:
-    """A file descriptor, the line behind it and the replies that are not due yet."""
+    """A file descriptor and the device's end behind it."""
 
     def __init__(self, fd: int, line: Line, faults: LineFaults, clock: Clock) -> None:
         self.fd = fd
-        self._line = line
-        self._faults = faults
-        self._clock = clock
-        self._due: deque[Delivery] = deque()
-
-    @property
-    def waiting(self) -> bool:
-        return self._line.waiting or bool(self._due)
+        self.end = DeviceEnd(line, faults, clock)
 
     def take(self) -> None:
         data = os.read(self.fd, 4096)
         if not data:
             raise HangUpError("closed by the peer")
-        self._queue(self._line.receive(data))
-
-    def idle(self) -> None:
-        self._queue(self._line.idle())
-
-    def _queue(self, replies: list[bytes]) -> None:
-        for reply in replies:
-            self._due.append(self._faults.deliver(reply, self._line.readdressed(reply)))
+        self.end.receive(data)
 
     def send_due(self) -> None:
-        if unprompted := self._line.unprompted():
-            self._due.append(self._faults.deliver(unprompted, count=0))
-        while self._due and self._due[0].due_s <= self._clock.now_s():
-            data = self._due.popleft().data
+        for data in self.end.take_due():
             # A serial line that nobody reads loses bytes; a double must not stop for that.
             with contextlib.suppress(BlockingIOError):
                 if data:
@@ -141,7 +92,7 @@ class ByteServer:
         fds = [self._wake_read, *self._connections]
         if self._listener is not None:
             fds.append(self._listener.fileno())
-        waiting = any(connection.waiting for connection in self._connections.values())
+        waiting = any(connection.end.waiting for connection in self._connections.values())
         ready, _, _ = select.select(fds, [], [], GAP_S if waiting else _RESTING_POLL_S)
         if self._listener is not None and self._listener.fileno() in ready:
             self._accept(self._listener)
@@ -150,7 +101,7 @@ class ByteServer:
                 if fd in ready:
                     connection.take()
                 else:
-                    connection.idle()
+                    connection.end.idle()
                 connection.send_due()
             except (HangUpError, ConnectionError):
                 self._drop(fd)

@@ -1,6 +1,6 @@
 """From configuration to drivers: the one place that knows which class a `driver = ...` line means."""
 
-from labctl.clock import Clock
+from labctl.clock import Clock, Scheduler
 from labctl.config.rig import Limits, MarkersConfig, RegulatorConfig, ValvesConfig
 from labctl.drivers.alicat_ascii import AlicatAscii
 from labctl.drivers.alicat_modbus import AlicatModbus
@@ -8,13 +8,15 @@ from labctl.drivers.phasespace import PhaseSpace
 from labctl.drivers.waveshare_relay import WaveshareRelay
 from labctl.instruments.interfaces import MarkerSource, PressureRegulator, ValveBank
 from labctl.links.modbus_link import open_modbus_serial, open_modbus_tcp
-from labctl.links.serial_link import SerialLink
-from labctl.links.tcp_stream import TcpStream
+from labctl.links.serial_link import open_serial_link
+from labctl.links.wires import SYSTEM_WIRES, Wires
 
 _PHASESPACE_BASE_PORT = 8000
 
 
-def open_regulator(config: RegulatorConfig, limits: Limits, clock: Clock) -> PressureRegulator:
+def open_regulator(
+    config: RegulatorConfig, limits: Limits, clock: Scheduler, wires: Wires = SYSTEM_WIRES
+) -> PressureRegulator:
     """Open the regulator's port; nothing is sent.
 
     Raises:
@@ -23,7 +25,7 @@ def open_regulator(config: RegulatorConfig, limits: Limits, clock: Clock) -> Pre
     dual_valve = config.model == "PCD"
     if config.driver == "alicat-ascii":
         return AlicatAscii(
-            SerialLink(config.port, baudrate=config.baudrate, clock=clock, name=config.name),
+            open_serial_link(config.port, config.baudrate, clock, config.name, wires=wires),
             unit_id=config.unit_id,
             pressure_unit=config.pressure_unit,
             max_setpoint_psi=limits.max_pressure_psi,
@@ -32,7 +34,7 @@ def open_regulator(config: RegulatorConfig, limits: Limits, clock: Clock) -> Pre
             timeout_s=config.timeout_s,
         )
     return AlicatModbus(
-        open_modbus_serial(config.port, config.baudrate, clock, config.name),
+        open_modbus_serial(config.port, config.baudrate, clock, config.name, wires=wires),
         device_id=config.device_id,
         pressure_unit=config.pressure_unit,
         max_setpoint_psi=limits.max_pressure_psi,
@@ -42,16 +44,16 @@ def open_regulator(config: RegulatorConfig, limits: Limits, clock: Clock) -> Pre
     )
 
 
-def open_valves(config: ValvesConfig, clock: Clock) -> ValveBank:
+def open_valves(config: ValvesConfig, clock: Scheduler, wires: Wires = SYSTEM_WIRES) -> ValveBank:
     """Open the valve bank's port; nothing is sent.
 
     Raises:
         LinkDown: the port or host is absent or in use.
     """
     if config.transport == "rtu":
-        link = open_modbus_serial(config.port, config.baudrate, clock, config.name)
+        link = open_modbus_serial(config.port, config.baudrate, clock, config.name, wires=wires)
     else:
-        link = open_modbus_tcp(config.host, config.tcp_port, clock, config.name)
+        link = open_modbus_tcp(config.host, config.tcp_port, clock, config.name, wires=wires)
     return WaveshareRelay(
         link,
         device_id=config.device_id,
@@ -61,7 +63,9 @@ def open_valves(config: ValvesConfig, clock: Clock) -> ValveBank:
     )
 
 
-def open_markers(config: MarkersConfig, clock: Clock, arrival_clock: Clock) -> MarkerSource:
+def open_markers(
+    config: MarkersConfig, clock: Clock, arrival_clock: Clock, wires: Wires = SYSTEM_WIRES
+) -> MarkerSource:
     """Connect to the marker server; no stream is asked for yet.
 
     `clock` is the wall's, `arrival_clock` the laboratory's, which stamps the frames' arrival.
@@ -69,12 +73,8 @@ def open_markers(config: MarkersConfig, clock: Clock, arrival_clock: Clock) -> M
     Raises:
         LinkDown: nothing listens there.
     """
-    stream = TcpStream(
-        config.host,
-        _PHASESPACE_BASE_PORT + config.server_number,
-        clock=clock,
-        name=config.name,
-        connect_timeout_s=config.timeout_s,
+    stream = wires.open_tcp(
+        config.host, _PHASESPACE_BASE_PORT + config.server_number, clock, config.name, config.timeout_s
     )
     return PhaseSpace(
         stream,

@@ -1,4 +1,4 @@
-"""What a driver asks of its link: three small interfaces, met by the real links and by scripted ones."""
+"""What a driver asks of its link: small interfaces, met by the real links and by scripted ones."""
 
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -133,4 +133,50 @@ class ByteStream(Protocol):
 
     def close(self) -> None:
         """Close the stream; may be called twice."""
+        ...
+
+
+class BytePort(Protocol):
+    """A serial port that nobody else has open."""
+
+    @property
+    def name(self) -> str:
+        """The instrument and its port, for messages."""
+        ...
+
+    def write(self, data: bytes, deadline: Deadline) -> None:
+        """Write all of `data`.
+
+        Raises:
+            NoAnswer: the port did not take the bytes before the deadline.
+            LinkDown: the port is closed or gone.
+        """
+        ...
+
+    def read_some(self, limit: int, deadline: Deadline) -> bytes:
+        """Up to `limit` bytes as soon as there are any; none when the deadline passes.
+
+        Raises:
+            LinkDown: the port is closed or gone.
+        """
+        ...
+
+    def has_input(self) -> bool:
+        """Bytes are waiting to be read.
+
+        Raises:
+            LinkDown: the port is closed or gone.
+        """
+        ...
+
+    def close(self) -> None:
+        """Give the port back; may be called twice."""
+        ...
+
+
+class TcpBytes(ByteStream, Protocol):
+    """A TCP connection, which can also be broken off."""
+
+    def abort(self) -> None:
+        """Close and throw away what has not been sent: a request that was given up must not arrive later."""
         ...

@@ -1,5 +1,6 @@
 """The two ways that Modbus frames travel: RTU over a serial port, and TCP."""
 
+from collections.abc import Callable
 from typing import Protocol
 
 from pymodbus.framer import FramerBase, FramerRTU, FramerSocket
@@ -8,8 +9,8 @@ from pymodbus.pdu import DecodePDU
 from labctl.clock import Clock
 from labctl.errors import NoAnswer
 from labctl.links.deadline import Deadline
-from labctl.links.serial_port import SerialPort
-from labctl.links.tcp_stream import TcpStream
+from labctl.links.interfaces import BytePort, TcpBytes
+from labctl.links.serial_port import discard_until_quiet
 
 
 class ModbusChannel(Protocol):
@@ -49,17 +50,13 @@ class ModbusChannel(Protocol):
 
 
 class RtuChannel:
-    """RTU frames, 8N1. Late replies are discarded until the line is quiet.
-
-    Raises:
-        LinkDown: the port is absent, may not be opened or is in use.
-    """
+    """RTU frames, 8N1. Late replies are discarded until the line is quiet."""
 
     overhead_bytes = 3
 
-    def __init__(self, port: str, baudrate: int, clock: Clock, name: str, quiet_s: float) -> None:
-        self._port = SerialPort(port, baudrate=baudrate, clock=clock, name=name)
-        self.name = self._port.name
+    def __init__(self, port: BytePort, baudrate: int, clock: Clock, quiet_s: float) -> None:
+        self._port = port
+        self.name = port.name
         self.framer: FramerBase = FramerRTU(DecodePDU(False))
         self._clock = clock
         self._quiet_s = quiet_s
@@ -91,7 +88,7 @@ class RtuChannel:
 
     def discard_late_replies(self, deadline: Deadline) -> bool:
         """Discard input until the line is quiet; a reply may be later still."""
-        self._port.discard_until_quiet(self._quiet_s, deadline)
+        discard_until_quiet(self._port, self._clock, self._quiet_s, deadline)
         return False
 
     def close(self) -> None:
@@ -102,15 +99,17 @@ class RtuChannel:
 class TcpChannel:
     """Modbus TCP frames. Late replies die with their connection; a new connection sends nothing by itself.
 
+    `connect` opens a connection within so many seconds.
+
     Raises:
         LinkDown: nobody took the connection within `connect_timeout_s`.
     """
 
     overhead_bytes = 7
 
-    def __init__(self, host: str, port: int, clock: Clock, name: str, connect_timeout_s: float) -> None:
-        self._host, self._port, self._clock, self._instrument = host, port, clock, name
-        self._stream = self._connect(connect_timeout_s)
+    def __init__(self, connect: Callable[[float], TcpBytes], connect_timeout_s: float) -> None:
+        self._connect = connect
+        self._stream = connect(connect_timeout_s)
         self._closed = False
         self.name = self._stream.name
         self.framer: FramerBase = FramerSocket(DecodePDU(False))
@@ -144,6 +143,3 @@ class TcpChannel:
         """Close the connection; may be called twice."""
         self._closed = True
         self._stream.close()
-
-    def _connect(self, timeout_s: float) -> TcpStream:
-        return TcpStream(self._host, self._port, self._clock, self._instrument, timeout_s)

@@ -6,10 +6,10 @@ compared with the request's function, address or count.
 """
 
 import struct
-import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
@@ -20,10 +20,11 @@ from pymodbus.pdu.register_message import (
     WriteMultipleRegistersRequest,
 )
 
-from labctl.clock import Clock
+from labctl.clock import Scheduler
 from labctl.errors import GarbledReply, InstrumentRefused, NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.links.modbus_channel import ModbusChannel, RtuChannel, TcpChannel
+from labctl.links.wires import SYSTEM_WIRES, Wires
 
 QUIET_S = 0.05
 CONNECT_TIMEOUT_S = 3.0
@@ -68,11 +69,11 @@ class ModbusLink:
     `resync_by_holding_registers` until their reply has come.
     """
 
-    def __init__(self, channel: ModbusChannel, clock: Clock) -> None:
+    def __init__(self, channel: ModbusChannel, clock: Scheduler) -> None:
         self.name = channel.name
         self.clock = clock
         self._channel = channel
-        self._lock = threading.Lock()
+        self._lock = clock.lock()
         self._suspect = False
         self._probe: _Probe | None = None
 
@@ -142,7 +143,7 @@ class ModbusLink:
 
     def _exchange(self, request: ModbusPDU, reply_bytes: int, deadline: Deadline) -> _Reply:
         """Send a request and return its reply, whose PDU has `reply_bytes` bytes."""
-        if not self._lock.acquire(timeout=deadline.remaining_s()):
+        if not self._lock.acquire(deadline.remaining_s()):
             raise NoAnswer(
                 f"{self.name}: the link was busy with another exchange for {deadline.seconds:g} s, "
                 f"{_shown(request)} was not sent; allow more time"
@@ -239,25 +240,37 @@ class ModbusLink:
 
 
 def open_modbus_serial(
-    port: str, baudrate: int, clock: Clock, name: str, *, quiet_s: float = QUIET_S
+    port: str,
+    baudrate: int,
+    clock: Scheduler,
+    name: str,
+    *,
+    wires: Wires = SYSTEM_WIRES,
+    quiet_s: float = QUIET_S,
 ) -> ModbusLink:
     """Modbus RTU on a serial port of our own; nothing is sent.
 
     Raises:
         LinkDown: the port is absent, may not be opened or is in use.
     """
-    return ModbusLink(RtuChannel(port, baudrate, clock, name, quiet_s), clock)
+    return ModbusLink(RtuChannel(wires.open_serial(port, baudrate, name), baudrate, clock, quiet_s), clock)
 
 
 def open_modbus_tcp(
-    host: str, port: int, clock: Clock, name: str, *, connect_timeout_s: float = CONNECT_TIMEOUT_S
+    host: str,
+    port: int,
+    clock: Scheduler,
+    name: str,
+    *,
+    wires: Wires = SYSTEM_WIRES,
+    connect_timeout_s: float = CONNECT_TIMEOUT_S,
 ) -> ModbusLink:
     """Modbus TCP; connects, and sends nothing.
 
     Raises:
         LinkDown: nobody took the connection.
     """
-    return ModbusLink(TcpChannel(host, port, clock, name, connect_timeout_s), clock)
+    return ModbusLink(TcpChannel(partial(wires.open_tcp, host, port, clock, name), connect_timeout_s), clock)
 
 
 def _shown(request: ModbusPDU) -> str:

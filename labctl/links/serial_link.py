@@ -1,15 +1,17 @@
 """Requests and replies in CR-terminated lines over a serial port."""
 
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from labctl.clock import Clock
+from labctl.clock import Scheduler
 from labctl.errors import GarbledReply, NoAnswer
 from labctl.links.deadline import Deadline
-from labctl.links.serial_port import CHUNK_BYTES, SerialPort
+from labctl.links.interfaces import BytePort
+from labctl.links.serial_port import CHUNK_BYTES, discard_until_quiet
+from labctl.links.wires import SYSTEM_WIRES, Wires
 
 END = b"\r"
+QUIET_S = 0.1
 
 
 class SerialLink:
@@ -19,29 +21,24 @@ class SerialLink:
     to the next request. After a time-out, a broken line or unasked bytes the link is therefore `suspect`: the
     next exchange first discards input until the line is quiet for `quiet_s`, then sends the request of
     `resync_by` and discards lines up to its reply. Devices answer in order, so that reply comes last.
-
-    Raises:
-        LinkDown: the port is absent, may not be opened or is in use.
     """
 
     def __init__(
         self,
-        port: str,
+        port: BytePort,
+        clock: Scheduler,
         *,
-        baudrate: int,
-        clock: Clock,
-        name: str,
-        quiet_s: float = 0.1,
+        quiet_s: float = QUIET_S,
         max_line_bytes: int = 256,
         max_lines: int = 64,
     ) -> None:
-        self._port = SerialPort(port, baudrate=baudrate, clock=clock, name=name)
-        self.name = self._port.name
+        self._port = port
+        self.name = port.name
         self.clock = clock
         self._quiet_s = quiet_s
         self._max_line_bytes = max_line_bytes
         self._max_lines = max_lines
-        self._lock = threading.Lock()
+        self._lock = clock.lock()
         self._held = b""
         # A device may still be answering whoever had the port before.
         self._suspect = True
@@ -111,7 +108,7 @@ class SerialLink:
 
     @contextmanager
     def _locked(self, request: bytes, deadline: Deadline) -> Iterator[None]:
-        if not self._lock.acquire(timeout=deadline.remaining_s()):
+        if not self._lock.acquire(deadline.remaining_s()):
             raise NoAnswer(
                 f"{self.name}: the link was busy with another exchange for {deadline.seconds:g} s, "
                 f"{_shown(request)} was not sent; allow more time"
@@ -143,7 +140,7 @@ class SerialLink:
 
     def _discard(self, deadline: Deadline) -> None:
         self._held = b""
-        self._port.discard_until_quiet(self._quiet_s, deadline)
+        discard_until_quiet(self._port, self.clock, self._quiet_s, deadline)
 
     def _wait_for_input(self, idle_s: float, request: bytes, deadline: Deadline) -> bool:
         idle = Deadline(self.clock, min(idle_s, deadline.remaining_s()))
@@ -174,6 +171,23 @@ class SerialLink:
             f"{self.name}: no answer to {_shown(request)} within {deadline.seconds:g} s ({got}); "
             "check power, cable, baud rate and unit id"
         )
+
+
+def open_serial_link(
+    port: str,
+    baudrate: int,
+    clock: Scheduler,
+    name: str,
+    *,
+    wires: Wires = SYSTEM_WIRES,
+    quiet_s: float = QUIET_S,
+) -> SerialLink:
+    """Lines on a serial port of our own; nothing is sent.
+
+    Raises:
+        LinkDown: the port is absent, may not be opened or is in use.
+    """
+    return SerialLink(wires.open_serial(port, baudrate, name), clock, quiet_s=quiet_s)
 
 
 def _shown(request: bytes) -> str:

@@ -10,6 +10,7 @@ import serial
 from labctl.clock import Clock
 from labctl.errors import GarbledReply, LinkBusy, LinkDown, NoAnswer
 from labctl.links.deadline import Deadline
+from labctl.links.interfaces import BytePort
 
 CHUNK_BYTES = 4096
 
@@ -27,9 +28,8 @@ class SerialPort:
         LinkDown: the port is absent, may not be opened or is in use.
     """
 
-    def __init__(self, port: str, *, baudrate: int, clock: Clock, name: str) -> None:
+    def __init__(self, port: str, *, baudrate: int, name: str) -> None:
         self.name = f"{name} on {port}"
-        self.clock = clock
         try:
             self._serial = serial.Serial(port, baudrate, timeout=0, exclusive=True)
         except (OSError, termios.error, ValueError) as error:
@@ -89,33 +89,6 @@ class SerialPort:
         except OSError as error:
             raise self._broken(error) from error
 
-    def discard_until_quiet(self, quiet_s: float, deadline: Deadline) -> None:
-        """Throw input away until nothing has come for `quiet_s`.
-
-        Raises:
-            GarbledReply: bytes kept coming until the deadline.
-            NoAnswer: the deadline left no time to find out.
-            LinkDown: the port is closed or gone.
-        """
-        discarded = 0
-        while True:
-            quiet = Deadline(self.clock, min(quiet_s, deadline.remaining_s()))
-            data = self.read_some(CHUNK_BYTES, quiet)
-            discarded += len(data)
-            if data and not deadline.expired:
-                continue
-            if quiet.seconds >= quiet_s and not data:
-                return
-            if discarded:
-                raise GarbledReply(
-                    f"{self.name}: {discarded} bytes came unasked and the line was not quiet for {quiet_s:g} "
-                    f"s within {deadline.seconds:g} s; if the instrument is streaming, set it to polling"
-                )
-            raise NoAnswer(
-                f"{self.name}: {deadline.seconds:g} s was too short to resynchronise the line, which takes "
-                f"{quiet_s:g} s of silence; allow more time"
-            )
-
     def close(self) -> None:
         """Give the port back; may be called twice."""
         self._serial.close()
@@ -130,6 +103,34 @@ class SerialPort:
         return LinkDown(
             f"{self.name}: the port broke ({error.strerror or error}); check the cable and its adapter, "
             "then open the rig again"
+        )
+
+
+def discard_until_quiet(port: BytePort, clock: Clock, quiet_s: float, deadline: Deadline) -> None:
+    """Throw a port's input away until nothing has come for `quiet_s`.
+
+    Raises:
+        GarbledReply: bytes kept coming until the deadline.
+        NoAnswer: the deadline left no time to find out.
+        LinkDown: the port is closed or gone.
+    """
+    discarded = 0
+    while True:
+        quiet = Deadline(clock, min(quiet_s, deadline.remaining_s()))
+        data = port.read_some(CHUNK_BYTES, quiet)
+        discarded += len(data)
+        if data and not deadline.expired:
+            continue
+        if quiet.seconds >= quiet_s and not data:
+            return
+        if discarded:
+            raise GarbledReply(
+                f"{port.name}: {discarded} bytes came unasked and the line was not quiet for {quiet_s:g} "
+                f"s within {deadline.seconds:g} s; if the instrument is streaming, set it to polling"
+            )
+        raise NoAnswer(
+            f"{port.name}: {deadline.seconds:g} s was too short to resynchronise the line, which takes "
+            f"{quiet_s:g} s of silence; allow more time"
         )
 
 

@@ -4,12 +4,13 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-from labctl.clock import Clock
+from labctl.clock import Clock, Scheduler
 from labctl.config.rig import RigConfig
 from labctl.drivers.opening import open_markers, open_regulator, open_valves
 from labctl.errors import InstrumentError, LabError, RigUnavailable, Unsafe
 from labctl.instruments.interfaces import PressureRegulator, ValveBank
 from labctl.instruments.readings import Identity, PressureReading
+from labctl.links.wires import Wires
 from labctl.rig.marker_feed import MarkerFeed
 from labctl.safety.safe_state import SETPOINT_ZERO_PSI, make_safe
 from labctl.stop import StopRequest
@@ -28,7 +29,7 @@ class RigInstruments:
     """Regulator, valve bank and marker stream of one rig, each of which has answered for itself.
 
     A rig that is found with pressure, a setpoint or valves on was left so by something else: it is taken to
-    SAFE before anything more is asked. `clock` is the wall's; frames are told to have come by `rig_clock`.
+    SAFE before anything more is asked. Frames are stamped by `clock`, the rig's; all else is timed by the wall's.
 
     Raises:
         Unsafe: it was found energised and SAFE could not be read back.
@@ -39,22 +40,25 @@ class RigInstruments:
     def __init__(
         self,
         config: RigConfig,
+        scheduler: Scheduler,
+        wires: Wires,
         clock: Clock,
-        rig_clock: Clock,
         stop: StopRequest,
-        tell: Callable[[str], None],
+        notify: Callable[[str], None],
     ) -> None:
         with ExitStack() as opened:
             try:
-                self.regulator: PressureRegulator = open_regulator(config.regulator, config.limits, clock)
+                self.regulator: PressureRegulator = open_regulator(
+                    config.regulator, config.limits, scheduler, wires
+                )
                 opened.callback(self.regulator.close)
-                self.valves: ValveBank = open_valves(config.valves, clock)
+                self.valves: ValveBank = open_valves(config.valves, scheduler, wires)
                 opened.callback(self.valves.close)
                 found = _found_energised(self.regulator.read(), self.valves.read(), config)
                 if found:
-                    tell(f"{config.name} was found energised ({found}): taking it to SAFE")
-                    _make_safe(self.regulator, self.valves, config, clock)
-                markers = open_markers(config.markers, clock, rig_clock)
+                    notify(f"{config.name} was found energised ({found}): taking it to SAFE")
+                    _make_safe(self.regulator, self.valves, config, scheduler)
+                markers = open_markers(config.markers, scheduler, clock, wires)
                 opened.callback(markers.close)
                 stop.check()
                 self.identities = Identities(
@@ -64,17 +68,17 @@ class RigInstruments:
                 markers.start()
             except InstrumentError as error:
                 raise RigUnavailable(f"{error}. Nothing was energised ({config.source})") from error
-            self.feed = MarkerFeed(markers, clock)
+            self.feed = MarkerFeed(markers, scheduler)
             opened.callback(self.feed.close)
             self.feed.start()
             self._opened = opened.pop_all()
 
-    def close(self, tell: Callable[[str], None]) -> None:
-        """Give every link back; what fails on the way is told. May be called twice."""
+    def close(self, notify: Callable[[str], None]) -> None:
+        """Give every link back; `notify` gets what fails on the way. May be called twice."""
         try:
             self._opened.close()
         except LabError as error:
-            tell(f"closing: {error}")
+            notify(f"closing: {error}")
 
 
 def _found_energised(reading: PressureReading, channels_on: frozenset[int], config: RigConfig) -> str:
@@ -89,9 +93,16 @@ def _found_energised(reading: PressureReading, channels_on: frozenset[int], conf
     return ", ".join(found)
 
 
-def _make_safe(regulator: PressureRegulator, valves: ValveBank, config: RigConfig, wall: Clock) -> None:
+def _make_safe(
+    regulator: PressureRegulator, valves: ValveBank, config: RigConfig, scheduler: Scheduler
+) -> None:
     report = make_safe(
-        regulator, valves, limits=config.limits, dump_channel=config.valves.dump_channel, clock=wall
+        regulator,
+        valves,
+        limits=config.limits,
+        dump_channel=config.valves.dump_channel,
+        clock=scheduler,
+        scheduler=scheduler,
     )
     if not report.safe:
         raise Unsafe(f"{config.name} was found energised: {report.describe()}")

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from labctl.clock import Clock
+from labctl.clock import Scheduler, Thread
 from labctl.errors import GarbledReply, InstrumentError, LinkDown, NoAnswer
 from labctl.instruments.interfaces import MarkerSource
 from labctl.instruments.readings import MarkerFrames
@@ -28,23 +28,23 @@ class MarkerFeed:
 
     Args:
         source: the stream; while the feed runs nobody else may read it.
-        clock: times how long ago frames came.
+        scheduler: times how long ago frames came; its threads read them.
         capacity: how many frames are kept.
     """
 
-    def __init__(self, source: MarkerSource, clock: Clock, capacity: int = CAPACITY) -> None:
+    def __init__(self, source: MarkerSource, scheduler: Scheduler, capacity: int = CAPACITY) -> None:
         self._source = source
-        self._clock = clock
+        self._scheduler = scheduler
         self._capacity = capacity
         self._lock = threading.Lock()
         self._kept: deque[MarkerFrames] = deque()
         self._kept_frames = 0
         self._arrived = 0
         self._newest_s = -math.inf
-        self._takers: list[Callable[[MarkerFrames], None]] = []
+        self._observers: list[Callable[[MarkerFrames], None]] = []
         self._failure: Exception | None = None
-        self._closing = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._closing = scheduler.event()
+        self._thread: Thread | None = None
 
     @property
     def failure(self) -> Exception | None:
@@ -60,10 +60,7 @@ class MarkerFeed:
         if self._closing.is_set():
             raise InstrumentError(f"{self._source.name}: this feed was closed; open a new one")
         if self._thread is None:
-            self._thread = threading.Thread(
-                target=self._read, name=f"feed of {self._source.name}", daemon=True
-            )
-            self._thread.start()
+            self._thread = self._scheduler.start_thread(self._read, f"feed of {self._source.name}")
 
     def mark(self) -> int:
         """How many frames have arrived so far, to hand to `since`."""
@@ -94,23 +91,23 @@ class MarkerFeed:
         return select_frames(concatenate(newest_first[::-1]), found - wanted, found)
 
     @contextmanager
-    def handing_to(self, take: Callable[[MarkerFrames], None]) -> Iterator[None]:
+    def observing(self, take: Callable[[MarkerFrames], None]) -> Iterator[None]:
         """While inside, `take` gets each batch as it comes, on this feed's thread.
 
         `take` must neither wait nor raise: the stream is not read meanwhile.
         """
         with self._lock:
-            self._takers.append(take)
+            self._observers.append(take)
         try:
             yield
         finally:
             with self._lock:
-                self._takers.remove(take)
+                self._observers.remove(take)
 
     def last_frame_age_s(self) -> float:
         """Seconds since the newest frame arrived; infinite before the first."""
         with self._lock:
-            return self._clock.now_s() - self._newest_s
+            return self._scheduler.now_s() - self._newest_s
 
     def close(self) -> None:
         """End the thread; may be called twice. The source stays open.
@@ -121,8 +118,7 @@ class MarkerFeed:
         self._closing.set()
         if self._thread is None:
             return
-        self._thread.join(JOIN_TIMEOUT_S)
-        if self._thread.is_alive():
+        if not self._thread.join(JOIN_TIMEOUT_S):
             raise NoAnswer(
                 f"{self._source.name}: a read did not end within {JOIN_TIMEOUT_S:g} s of closing the feed"
             )
@@ -133,7 +129,7 @@ class MarkerFeed:
                 self._keep(self._source.next_frames(READ_TIMEOUT_S))
             except NoAnswer:
                 # A source may refuse at once, without waiting for its time-out.
-                self._clock.sleep(_PAUSE_S)
+                self._scheduler.sleep(_PAUSE_S)
             except GarbledReply:
                 continue
             except Exception as error:  # whatever ends this thread must be seen by those who wait for frames
@@ -142,13 +138,13 @@ class MarkerFeed:
 
     def _keep(self, batch: MarkerFrames) -> None:
         with self._lock:
-            self._newest_s = self._clock.now_s()
+            self._newest_s = self._scheduler.now_s()
             self._kept.append(batch)
             self._kept_frames += len(batch)
             self._arrived += len(batch)
             while self._kept_frames - len(self._kept[0]) >= self._capacity:
                 self._kept_frames -= len(self._kept.popleft())
-            for take in self._takers:
+            for take in self._observers:
                 take(batch)
 
     def _require_alive(self) -> None:

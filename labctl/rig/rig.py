@@ -5,23 +5,20 @@ before it returns, and each wait beats for the supervisor. Leaving the `with` bl
 that back, whatever happened inside.
 """
 
-import threading
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from types import TracebackType
 
-from labctl.clock import Clock, FastClock, WallClock
+from labctl.clock import Clock, rig_clock
 from labctl.config.rig import RigConfig
 from labctl.errors import InstrumentError, Unsafe
 from labctl.instruments.readings import MarkerFrames, PressureReading
 from labctl.rig.instruments import RigInstruments
-from labctl.rig.overheard import OverheardRegulator
+from labctl.rig.platform import SYSTEM, Platform
 from labctl.rig.recorder import Recorder, kept_by
 from labctl.rig.trace import PressureTrace
-from labctl.safety.guard import Guard
-from labctl.safety.safe_state import SafeReport, make_safe
-from labctl.safety.supervisor import Expected, Supervisor
+from labctl.safety.safe_state import SafeReport
+from labctl.safety.supervisor import Supervisor
 from labctl.stop import StopRequest
 
 _TICK_S = 0.05
@@ -32,38 +29,44 @@ _FEWEST_READINGS = 5
 
 
 class Rig:
-    """An open rig. Use as a context manager: `with Rig(config, stop=..., tell=...) as rig:`.
+    """An open rig. Use as a context manager: `with Rig(config, stop=..., notify=...) as rig:`.
 
     Opening identifies all three instruments, starts the guard and the supervisor, and energises nothing.
-    `safe_report` is what was last read back; None before that, and from when anything is energised until then.
 
     Args:
         config: the rig's configuration.
         stop: the operator's wish to stop.
-        tell: receives one line of text for each event worth a person's attention.
+        notify: receives one line of text for each event worth a person's attention.
+        platform: time, wires and guard; this machine's where none is given.
 
     Raises:
         RigUnavailable: an instrument is absent, silent or not what it should be; nothing was energised.
         Unsafe: it was found energised and SAFE could not be read back; the guard process goes on trying.
     """
 
-    def __init__(self, config: RigConfig, *, stop: StopRequest, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        config: RigConfig,
+        *,
+        stop: StopRequest,
+        notify: Callable[[str], None],
+        platform: Platform = SYSTEM,
+    ) -> None:
         self.config = config
-        self.clock: Clock = WallClock() if config.speed == 1 else FastClock(config.speed)
-        self.safe_report: SafeReport | None = None
+        self.clock: Clock = rig_clock(config.speed, platform.scheduler)
         self._stop = stop
-        self._tell = tell
-        self._wall = WallClock()
-        self._bus = threading.RLock()
-        self._expected = Expected(0.0, frozenset())
+        self._notify = notify
+        self._wall: Clock = platform.scheduler
         self._closed = False
-        self._guard = Guard(config)
+        self._guard = platform.start_guard(config)
         try:
-            self._instruments = RigInstruments(config, self._wall, self.clock, stop, tell)
+            self._instruments = RigInstruments(
+                config, platform.scheduler, platform.wires, self.clock, stop, notify
+            )
             try:
                 self._guard.wait_armed()
             except BaseException:
-                self._instruments.close(tell)
+                self._instruments.close(notify)
                 raise
         except Unsafe:
             # Found energised, and not to be brought to SAFE from here: the guard goes on trying.
@@ -77,12 +80,11 @@ class Rig:
             self._instruments.regulator,
             self._instruments.valves,
             config.limits,
-            clock=self._wall,
-            rig_clock=self.clock,
-            bus=self._bus,
-            vent=self.make_safe,
+            dump_channel=config.valves.dump_channel,
+            scheduler=platform.scheduler,
+            clock=self.clock,
             guard=self._guard,
-            tell=tell,
+            notify=notify,
         )
         self._supervisor.start()
 
@@ -95,6 +97,11 @@ class Rig:
         report = self.close()
         if not report.safe and not isinstance(error, Unsafe):
             raise Unsafe(f"{self.config.name}: {report.describe()}") from error
+
+    @property
+    def safe_report(self) -> SafeReport | None:
+        """What was last read back on the way to SAFE; None before that, and from when anything is energised."""
+        return self._supervisor.safe_report
 
     def check(self) -> None:
         """Look whether anything may still be done.
@@ -159,24 +166,24 @@ class Rig:
         wanted = set(channels)
         if self.config.valves.dump_channel is not None:
             wanted.add(self.config.valves.dump_channel)
-        with self._energising() as instruments:
-            on = instruments.valves.write(wanted)
-            self._expect(replace(self._expected, channels_on=on))
+        with self._supervisor.energising(self.check):
+            on = self._instruments.valves.write(wanted)
+            self._supervisor.expect(channels_on=on)
         return on
 
     def start_control(self) -> None:
         """End hold and exhaust at setpoint 0, so that the regulator follows its setpoint again."""
-        with self._energising() as instruments:
-            instruments.regulator.write_setpoint(0.0)
-            reading = instruments.regulator.cancel_hold()
-            self._expect(Expected(reading.setpoint_psi, self._expected.channels_on, "control"))
+        with self._supervisor.energising(self.check):
+            self._instruments.regulator.write_setpoint(0.0)
+            reading = self._instruments.regulator.cancel_hold()
+            self._supervisor.expect(setpoint_psi=reading.setpoint_psi, mode="control")
 
     def write_setpoint(self, setpoint_psi: float) -> PressureReading:
         """Write a setpoint and read it back."""
-        with self._energising() as instruments:
-            reading = instruments.regulator.write_setpoint(setpoint_psi)
-            # As read back, in the device's own decimals: that is what every later reading will say.
-            self._expect(replace(self._expected, setpoint_psi=reading.setpoint_psi))
+        with self._supervisor.energising(self.check):
+            reading = self._instruments.regulator.write_setpoint(setpoint_psi)
+            # As read back, in the device's own decimals: every later reading will have the same.
+            self._supervisor.expect(setpoint_psi=reading.setpoint_psi)
         return reading
 
     def ramp_to(
@@ -243,11 +250,11 @@ class Rig:
     @contextmanager
     def recording(self, recorder: Recorder) -> Iterator[None]:
         """While inside, `recorder` gets every frame that comes and every pressure that is read, the vent's too."""
-        with ExitStack() as handing:
+        with ExitStack() as observing:
             take_pressure = kept_by(recorder, recorder.take_pressure)
             take_frames = kept_by(recorder, recorder.take_frames)
-            handing.enter_context(self._supervisor.handing_to(take_pressure))
-            handing.enter_context(self._instruments.feed.handing_to(take_frames))
+            observing.enter_context(self._supervisor.observing(take_pressure))
+            observing.enter_context(self._instruments.feed.observing(take_frames))
             yield
 
     def make_safe(self) -> SafeReport:
@@ -255,22 +262,7 @@ class Rig:
 
         Looks at no stop and no latch: the way to SAFE is always open.
         """
-        with self._bus:
-            regulator = self._instruments.regulator
-            report = make_safe(
-                OverheardRegulator(regulator, self.clock, self._supervisor.hand),
-                self._instruments.valves,
-                limits=self.config.limits,
-                dump_channel=self.config.valves.dump_channel,
-                clock=self.clock,
-                tick=self._guard.beat,
-            )
-            self._expect(Expected(0.0, frozenset(), "vented" if regulator.can_exhaust else None))
-            if report.safe:
-                self._supervisor.disarm()
-                self._guard.safe()
-            self.safe_report = report
-        return report
+        return self._supervisor.make_safe()
 
     def reset(self) -> None:
         """Release the supervisor's latch after a trip that a person has dealt with; the rig is taken to SAFE first.
@@ -281,8 +273,7 @@ class Rig:
         report = self.make_safe()
         if not report.safe:
             raise Unsafe(f"{self.config.name} stays latched: {report.describe()}")
-        with self._bus:
-            self._supervisor.reset()
+        self._supervisor.reset()
 
     def close(self) -> SafeReport:
         """Take the rig to SAFE, read it back and give every link back; may be called twice.
@@ -294,29 +285,12 @@ class Rig:
         report = self.make_safe()
         self._closed = True
         self._supervisor.stop()
-        self._instruments.close(self._tell)
+        self._instruments.close(self._notify)
         if report.safe:
             self._guard.stand_down()
         else:
             self._guard.release()
         return report
-
-    @contextmanager
-    def _energising(self) -> Iterator[RigInstruments]:
-        """Hold the bus with the supervisor and the guard armed."""
-        self.check()
-        with self._bus:
-            self.check()
-            # What was read back before says nothing of the rig from here on.
-            self.safe_report = None
-            self._supervisor.arm()
-            self._guard.energised()
-            yield self._instruments
-            self._supervisor.beat()
-
-    def _expect(self, expected: Expected) -> None:
-        self._expected = expected
-        self._supervisor.expect(expected)
 
     def _require_flow(self, frames: int, seconds: float) -> None:
         """Refuse a window of a stream that stalled: few samples are not a short measurement."""

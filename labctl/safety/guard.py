@@ -16,7 +16,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from labctl.config.rig import Limits, RegulatorConfig, RigConfig, ValvesConfig
 from labctl.errors import RigUnavailable
@@ -58,8 +58,44 @@ class GuardOrders:
         )
 
 
-class Guard:
+class Guard(Protocol):
     """The guard of one rig: started before anything is energised, told to stand down after SAFE."""
+
+    def wait_armed(self) -> None:
+        """Return when the guard is ready to act.
+
+        Raises:
+            RigUnavailable: it is not.
+        """
+        ...
+
+    def alive(self) -> bool:
+        """Whether the guard still watches."""
+        ...
+
+    def beat(self) -> None:
+        """The program is alive; called when the supervisor has looked at the rig."""
+        ...
+
+    def energised(self) -> None:
+        """From now on the guard asks for beats."""
+        ...
+
+    def safe(self) -> None:
+        """SAFE was read back: no beats are asked for any more."""
+        ...
+
+    def stand_down(self) -> None:
+        """End the guard without venting: the rig is SAFE and closed."""
+        ...
+
+    def release(self) -> None:
+        """End the program's part without standing down: the guard takes the rig to SAFE itself."""
+        ...
+
+
+class GuardProcess:
+    """The guard as a process of its own."""
 
     def __init__(self, config: RigConfig) -> None:
         # A session of its own: neither the terminal's Ctrl-C nor its hang-up may reach the guard. -P: nor may a

@@ -12,15 +12,17 @@ import signal
 import syslog
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import IO
 
-from labctl.clock import Clock, WallClock
+from labctl.clock import Scheduler, WallClock
+from labctl.links.wires import SYSTEM_WIRES, Wires
 from labctl.nonblocking_output import NonBlockingOutput
-from labctl.safety.guard import ARMED, ENERGISED, SAFE, STAND_DOWN, GuardOrders
+from labctl.safety.guard import ARMED, GuardOrders
+from labctl.safety.guard_heart import watch
 from labctl.safety.reach import Reach, open_and_make_safe
 from labctl.safety.safe_state import SafeReport
 
-HEARTBEAT_TIMEOUT_S = 2.0
 TRY_AGAIN_S = 600.0
 
 _FIRST_PATIENCE_S = 5.0
@@ -28,45 +30,26 @@ _PAUSE_S = 2.0
 _SPEAK_S = 1.0
 
 
-def watch(pipe: IO[bytes], on_hang: Callable[[], None]) -> bool:
-    """Read the program's bytes until it stands the guard down or is gone.
-
-    Returns True when the rig must be taken to SAFE. `on_hang` is called when the program is energised and has
-    not beaten for `HEARTBEAT_TIMEOUT_S`.
-    """
-    energised = False
-    while True:
-        ready, _, _ = select.select([pipe], [], [], HEARTBEAT_TIMEOUT_S if energised else None)
-        if not ready:
-            on_hang()
-            return True
-        data = os.read(pipe.fileno(), 4096)
-        if not data:
-            return True
-        for byte in data:
-            order = bytes((byte,))
-            if order == STAND_DOWN:
-                return False
-            if order in (ENERGISED, SAFE):
-                energised = order == ENERGISED
-
-
 def take_to_safe(
-    reach: Reach, wall: Clock, say: Callable[[str], None], let_go: Callable[[], None]
+    reach: Reach,
+    scheduler: Scheduler,
+    wires: Wires,
+    notify: Callable[[str], None],
+    release_terminal: Callable[[], None],
 ) -> SafeReport:
     """Take the rig to SAFE; a real one that does not read back is tried again, with the terminal let go."""
-    end_s = wall.now_s() + TRY_AGAIN_S
-    report = open_and_make_safe(reach, wall, patience_s=_FIRST_PATIENCE_S, say=say)
-    say(report.describe())
+    end_s = scheduler.now_s() + TRY_AGAIN_S
+    report = open_and_make_safe(reach, scheduler, wires, patience_s=_FIRST_PATIENCE_S, notify=notify)
+    notify(report.describe())
     if report.safe or reach.simulated:
         return report
-    say(f"trying again for {TRY_AGAIN_S / 60:g} minutes; the system log tells how it ends")
-    let_go()
-    while not report.safe and wall.now_s() < end_s:
-        wall.sleep(_PAUSE_S)
-        report = open_and_make_safe(reach, wall, patience_s=0.0, say=lambda _: None)
+    notify(f"trying again for {TRY_AGAIN_S / 60:g} minutes; the system log tells how it ends")
+    release_terminal()
+    while not report.safe and scheduler.now_s() < end_s:
+        scheduler.sleep(_PAUSE_S)
+        report = open_and_make_safe(reach, scheduler, wires, patience_s=0.0, notify=lambda _: None)
         if report.safe:
-            say(report.describe())
+            notify(report.describe())
     return report
 
 
@@ -76,10 +59,10 @@ def main() -> int:
         signal.signal(number, signal.SIG_IGN)
     pipe = open(0, "rb", buffering=0)  # noqa: SIM115 - a descriptor, held for the whole life
     orders = GuardOrders.from_json(_read_line(pipe))
-    teller = NonBlockingOutput(lambda text: _write_terminal(f"guard: {orders.reach.rig_name}: {text}\n"))
+    terminal = NonBlockingOutput(lambda text: _write_terminal(f"guard: {orders.reach.rig_name}: {text}\n"))
 
-    def say(text: str) -> None:
-        teller.tell(text)
+    def notify(text: str) -> None:
+        terminal.write(text)
         with suppress(Exception):
             syslog.syslog(syslog.LOG_ALERT, f"labctl guard: {orders.reach.rig_name}: {text}")
 
@@ -87,10 +70,10 @@ def main() -> int:
         if os.getppid() == orders.parent_pid:
             with suppress(ProcessLookupError):
                 os.kill(orders.parent_pid, signal.SIGKILL)
-            say(f"process {orders.parent_pid} had hung with the rig energised and was ended")
+            notify(f"process {orders.parent_pid} had hung with the rig energised and was ended")
 
-    def let_go() -> None:
-        teller.finish(_SPEAK_S)
+    def release_terminal() -> None:
+        terminal.finish(_SPEAK_S)
         with suppress(OSError):
             null = os.open(os.devnull, os.O_RDWR)
             os.dup2(null, 1)
@@ -99,11 +82,17 @@ def main() -> int:
     # A program that gave up opening the rig no longer listens; its last byte on the pipe says what to do.
     with suppress(OSError):
         os.write(1, ARMED)
-    if not watch(pipe, end_parent):
+    if not watch(partial(_receive, pipe), end_parent):
         return 0
-    report = take_to_safe(orders.reach, WallClock(), say, let_go)
-    teller.finish(_SPEAK_S)
+    report = take_to_safe(orders.reach, WallClock(), SYSTEM_WIRES, notify, release_terminal)
+    terminal.finish(_SPEAK_S)
     return 0 if report.safe else 1
+
+
+def _receive(pipe: IO[bytes], timeout_s: float | None) -> bytes | None:
+    """The program's next bytes; none at all when it is gone, None when it is silent for `timeout_s`."""
+    ready, _, _ = select.select([pipe], [], [], timeout_s)
+    return os.read(pipe.fileno(), 4096) if ready else None
 
 
 def _write_terminal(text: str) -> None:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
-from labctl.clock import Clock, FastClock, WallClock
+from labctl.clock import Clock, Scheduler, rig_clock
 from labctl.config.rig import Limits, RegulatorConfig, RigConfig, ValvesConfig
 from labctl.drivers.opening import open_regulator, open_valves
 from labctl.instruments.interfaces import PressureRegulator, ValveBank
+from labctl.links.wires import SYSTEM_WIRES, Wires
 from labctl.safety.safe_state import SafeReport, reach_and_make_safe
 
 # A regulator's first exchange includes its layout, which takes about a second at 19200 baud.
@@ -37,40 +38,38 @@ class Reach:
             config.name, config.speed, config.simulated, config.regulator, config.valves, config.limits
         )
 
-    def clock(self) -> Clock:
-        """The rig's clock."""
-        return WallClock() if self.speed == 1 else FastClock(self.speed)
-
 
 def open_and_make_safe(
     reach: Reach,
-    wall: Clock,
+    scheduler: Scheduler,
+    wires: Wires = SYSTEM_WIRES,
     *,
     patience_s: float,
     patient_with: type[Exception] = Exception,
-    say: Callable[[str], None],
+    notify: Callable[[str], None],
 ) -> SafeReport:
     """Open the regulator and the valves, take them to SAFE, read it back and close them again.
 
     An instrument whose opening fails with `patient_with` is tried again for `patience_s`: the ports of a program
-    that has just died take a moment to be free, and a guard that is venting gives them back. `say` is told why one
+    that has just died take a moment to be free, and a guard that is venting gives them back. `notify` gets why one
     stayed away.
     """
     opened: list[PressureRegulator | ValveBank] = []
 
     def reach_one(opener: Callable[[], T]) -> T | None:
-        part = _open(opener, wall, patience_s, patient_with, say)
+        part = _open(opener, scheduler, patience_s, patient_with, notify)
         if part is not None:
             opened.append(part)
         return part
 
     try:
         return reach_and_make_safe(
-            lambda: reach_one(partial(open_regulator, reach.regulator, reach.limits, wall)),
-            lambda: reach_one(partial(open_valves, reach.valves, wall)),
+            lambda: reach_one(partial(open_regulator, reach.regulator, reach.limits, scheduler, wires)),
+            lambda: reach_one(partial(open_valves, reach.valves, scheduler, wires)),
             limits=reach.limits,
             dump_channel=reach.valves.dump_channel,
-            clock=reach.clock(),
+            clock=rig_clock(reach.speed, scheduler),
+            scheduler=scheduler,
             step_timeout_s=_STEP_TIMEOUT_S,
         )
     finally:
@@ -85,7 +84,7 @@ def _open(
     wall: Clock,
     patience_s: float,
     patient_with: type[Exception],
-    say: Callable[[str], None],
+    notify: Callable[[str], None],
 ) -> T | None:
     end_s = wall.now_s() + patience_s
     while True:
@@ -94,6 +93,6 @@ def _open(
         # Whatever keeps one instrument away, the other must still be reached.
         except Exception as error:
             if wall.now_s() >= end_s or not isinstance(error, patient_with):
-                say(str(error))
+                notify(str(error))
                 return None
             wall.sleep(_REOPEN_PAUSE_S)

@@ -5,14 +5,14 @@ call it. It never raises for an instrument's sake: what could not be done or rea
 """
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from functools import partial
+from typing import Generic, TypeVar
 
-from labctl.clock import Clock
+from labctl.clock import Clock, Scheduler
 from labctl.config.rig import Limits
 from labctl.instruments.interfaces import PressureRegulator, ValveBank
-from labctl.instruments.readings import PressureReading
+from labctl.instruments.readings import PressureReading, PressureSample
 
 # Two decimals is what an Alicat frame carries; half of the last one is rounding, not a setpoint.
 SETPOINT_ZERO_PSI = 0.015
@@ -61,11 +61,20 @@ def make_safe(
     limits: Limits,
     dump_channel: int | None,
     clock: Clock,
+    scheduler: Scheduler,
     tick: Callable[[], None] = lambda: None,
+    on_reading: Callable[[PressureSample], None] = lambda _: None,
 ) -> SafeReport:
     """Command SAFE on open instruments and read it back; see `reach_and_make_safe`."""
     return reach_and_make_safe(
-        lambda: regulator, lambda: valves, limits=limits, dump_channel=dump_channel, clock=clock, tick=tick
+        lambda: regulator,
+        lambda: valves,
+        limits=limits,
+        dump_channel=dump_channel,
+        clock=clock,
+        scheduler=scheduler,
+        tick=tick,
+        on_reading=on_reading,
     )
 
 
@@ -76,7 +85,9 @@ def reach_and_make_safe(
     limits: Limits,
     dump_channel: int | None,
     clock: Clock,
+    scheduler: Scheduler,
     tick: Callable[[], None] = lambda: None,
+    on_reading: Callable[[PressureSample], None] = lambda _: None,
     step_timeout_s: float | None = None,
 ) -> SafeReport:
     """Command SAFE and read it back, within `limits.vent_timeout_s` plus the instruments' own deadlines.
@@ -84,8 +95,9 @@ def reach_and_make_safe(
     Regulator and valves are reached and commanded at once, so that neither waits for the other's silence; the
     regulator's setpoint goes to 0 before its exhaust opens, which a setpoint that is still up could undo. Every
     step is tried whether or not the one before it worked. An instrument that cannot be reached (None) makes the
-    rig UNSAFE. `tick` is called throughout, so that a caller can show that it is alive; `step_timeout_s` bounds
-    each exchange, by the driver's own when None.
+    rig UNSAFE. `clock` is the rig's, `scheduler` the wall's. `tick` is called throughout, so that a caller can show
+    that it is alive; `on_reading` gets each pressure that is read on the way, on another thread, and must neither
+    wait nor raise; `step_timeout_s` bounds each exchange, by the driver's own when None.
     """
     regulator_side = _Side(step_timeout_s)
     valve_side = _Side(step_timeout_s)
@@ -98,7 +110,11 @@ def reach_and_make_safe(
         if regulator.can_exhaust:
             regulator_side.attempt("exhaust", regulator.exhaust)
         return _wait_for_calm(
-            lambda: regulator_side.attempt("reading the pressure", regulator.read), limits, clock
+            lambda: regulator_side.attempt(
+                "reading the pressure", partial(_read, regulator, clock, on_reading)
+            ),
+            limits,
+            clock,
         )
 
     def switch_off() -> frozenset[int] | None:
@@ -108,16 +124,50 @@ def reach_and_make_safe(
         valve_side.attempt("valves off", lambda timeout_s: valves.write((), timeout_s))
         return valve_side.attempt("reading the valves", valves.read)
 
-    with ThreadPoolExecutor(2, thread_name_prefix="to SAFE") as both:
-        venting, switching = both.submit(vent), both.submit(switch_off)
-        pending: tuple[Future[Any], ...] = (venting, switching)
-        while not all(side.done() for side in pending):
-            tick()
-            wait(pending, _TICK_S)
-    report = judge(venting.result(), switching.result(), limits, dump_channel)
+    venting = _Aside(vent, scheduler, "to SAFE: regulator")
+    switching = _Aside(switch_off, scheduler, "to SAFE: valves")
+    report = judge(venting.result(tick), switching.result(tick), limits, dump_channel)
     # Failed commands say why a rig is not SAFE; alone they do not count against a state that reads SAFE.
     failures = (*regulator_side.failures, *valve_side.failures)
     return report if report.safe else replace(report, problems=(*report.problems, *failures))
+
+
+def _read(
+    regulator: PressureRegulator,
+    clock: Clock,
+    on_reading: Callable[[PressureSample], None],
+    timeout_s: float | None,
+) -> PressureReading:
+    asked_s = clock.now_s()
+    reading = regulator.read(timeout_s)
+    on_reading(PressureSample(reading, asked_s, clock.now_s()))
+    return reading
+
+
+class _Aside(Generic[T]):
+    """Something that is done on a thread of its own."""
+
+    def __init__(self, do: Callable[[], T], scheduler: Scheduler, name: str) -> None:
+        self._do = do
+        self._done: T | None = None
+        self._error: BaseException | None = None
+        self._thread = scheduler.start_thread(self._run, name)
+
+    def _run(self) -> None:
+        try:
+            self._done = self._do()
+        # Raised again for whoever waits for it.
+        except BaseException as error:
+            self._error = error
+
+    def result(self, tick: Callable[[], None]) -> T | None:
+        """Wait for it, ticking all the while."""
+        tick()
+        while not self._thread.join(_TICK_S):
+            tick()
+        if self._error is not None:
+            raise self._error
+        return self._done
 
 
 def _wait_for_calm(

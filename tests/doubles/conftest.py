@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from labctl.config.design import Design, Fiber, SheetSpec
+from labctl.doubles.device_end import Line
 from labctl.doubles.faults import FaultPanel, LineFaults, parse_faults
 from labctl.doubles.markers import DEFAULT_POINTS
 from labctl.doubles.plant import Plant, PlantSettings
 from labctl.doubles.sheet import Ladder
-from labctl.doubles.transports import Line, serve_pty
+from labctl.doubles.transports import serve_pty
 
 
 class ManualClock:

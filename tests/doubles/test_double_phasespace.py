@@ -9,8 +9,9 @@ import pytest
 from labctl.doubles import phasespace
 from labctl.doubles.faults import FaultPanel, LineFaults, parse_faults
 from labctl.doubles.markers import DEFAULT_POINTS, LabFrame, MarkerSettings
-from labctl.doubles.phasespace import PhaseSpaceServer
+from labctl.doubles.phasespace import PhaseSpaceDevice
 from labctl.doubles.phasespace_packets import Packet, TooLargeError, checksum, take_packet
+from labctl.doubles.phasespace_server import PhaseSpaceServer
 from labctl.doubles.transports import listen
 
 CLEAN = MarkerSettings(noise_sd_mm=0.0, occlusion_hz=0.0, dropout=0.0)
@@ -104,7 +105,8 @@ def server_of(plant_of, clock):
         panel = FaultPanel(clock, parse_faults(faults).markers)
         lines = LineFaults(panel, clock, np.random.default_rng(0))
         plant = plant_of()
-        servers.append(PhaseSpaceServer(plant, settings, lines, clock, np.random.default_rng(0), listen()))
+        device = PhaseSpaceDevice(plant, settings, lines, clock, np.random.default_rng(0))
+        servers.append(PhaseSpaceServer(device, clock, listen()))
         return servers[-1]
 
     yield make

@@ -18,7 +18,7 @@ from labctl.drivers.waveshare_relay import WaveshareRelay
 from labctl.errors import InstrumentError, LinkDown, NoAnswer
 from labctl.instruments.interfaces import MarkerSource, PressureRegulator, ValveBank
 from labctl.links.modbus_link import open_modbus_serial, open_modbus_tcp
-from labctl.links.serial_link import SerialLink
+from labctl.links.serial_link import open_serial_link
 from labctl.links.tcp_stream import TcpStream
 
 TIMEOUT_S = 0.2
@@ -33,7 +33,7 @@ ALICAT = {
 
 
 def alicat_ascii(port):
-    link = SerialLink(port, baudrate=19200, clock=WallClock(), name="regulator A")
+    link = open_serial_link(port, 19200, WallClock(), "regulator A")
     return AlicatAscii(link, unit_id="A", **ALICAT)
 
 

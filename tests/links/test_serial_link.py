@@ -6,7 +6,7 @@ import pytest
 from labctl.clock import WallClock
 from labctl.errors import GarbledReply, LinkDown, NoAnswer
 from labctl.links.deadline import Deadline
-from labctl.links.serial_link import SerialLink
+from labctl.links.serial_link import open_serial_link
 
 POLL, FRAME = b"A\r", b"A +003.90 +003.90\r"
 PROBE, VERSION = b"AVE\r", b"A   10v20.0-R24 Jan  9 2025,15:04:07\r"
@@ -21,7 +21,7 @@ def connect():
     links = []
 
     def connect(peer, quiet_s=0.05):
-        link = SerialLink(peer.port, baudrate=19200, clock=WallClock(), name="regulator A", quiet_s=quiet_s)
+        link = open_serial_link(peer.port, 19200, WallClock(), "regulator A", quiet_s=quiet_s)
         links.append(link)
         return link
 
@@ -165,7 +165,7 @@ def test_a_port_has_one_owner(serial_peer, connect):
 
 def test_an_absent_port_is_named():
     with pytest.raises(LinkDown, match=r"regulator A on /dev/ttyNOWHERE: there is no such port"):
-        SerialLink("/dev/ttyNOWHERE", baudrate=19200, clock=WallClock(), name="regulator A")
+        open_serial_link("/dev/ttyNOWHERE", 19200, WallClock(), "regulator A")
 
 
 def test_an_unplugged_port_is_down_not_silent(serial_peer, wires, connect):

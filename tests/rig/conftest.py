@@ -1,28 +1,19 @@
-"""Doubles in this process: real bytes, a sheet without the simulator's cost."""
+"""Rigs of doubles in virtual time."""
 
 import pytest
-from bowl import DESIGN, Bowl
-
-from labctl.config.load import load_rig
-from labctl.doubles.faults import parse_faults
-from labctl.doubles.serve import Doubles
-from labctl.doubles.settings import DoublesSettings
+from virtual_rig import VirtualRig
 
 
 @pytest.fixture
-def serve(tmp_path):
-    """Doubles with faults, and the configuration that points at them."""
-    opened = []
+def rig_with():
+    """Make rigs with faults or settings; they are closed when the test ends."""
+    made = []
 
-    def begin(*faults, speed=5.0, **settings):
-        doubles = Doubles(
-            DoublesSettings(DESIGN, speed=speed, faults=parse_faults(faults), **settings), shapes=Bowl()
-        )
-        opened.append(doubles)
-        path = tmp_path / "rig.toml"
-        path.write_text(doubles.rig_toml())
-        return doubles, load_rig(path)
+    def make(*faults, **settings):
+        made.append(VirtualRig(*faults, **settings))
+        return made[-1]
 
-    yield begin
-    for doubles in opened:
-        doubles.close()
+    yield make
+    for one in made:
+        one.close()
+        assert one.time.failures == []

@@ -1,6 +1,4 @@
-"""Frames and pressures on their way to a recorder, on the rig of doubles in this process."""
-
-import time
+"""Frames and pressures on their way to a recorder, on a rig of doubles in virtual time."""
 
 import numpy as np
 import pytest
@@ -11,8 +9,8 @@ from labctl.rig import Rig
 from labctl.stop import StopRequest
 
 
-def open_rig(config):
-    return Rig(config, stop=StopRequest(), tell=lambda _: None)
+def open_rig(virtual):
+    return Rig(virtual.config, stop=StopRequest(), notify=lambda _: None, platform=virtual.platform)
 
 
 class Notes:
@@ -36,10 +34,10 @@ class Notes:
         self.errors.append(error)
 
 
-def test_every_frame_and_pressure_between_two_verbs_is_handed_over(serve):
-    _, config = serve()
+def test_every_frame_and_pressure_between_two_verbs_is_handed_over(rig_with):
+    virtual = rig_with()
     notes = Notes()
-    with open_rig(config) as rig:
+    with open_rig(virtual) as rig:
         rig.wait(1)
         begin_s = rig.clock.now_s()
         with rig.recording(notes):
@@ -61,18 +59,18 @@ def test_every_frame_and_pressure_between_two_verbs_is_handed_over(serve):
     assert set(frames.time_s) <= set(given.time_s)
     assert begin_s <= given.arrival_s[0] <= given.arrival_s[-1] <= end_s
     assert (np.diff(given.arrival_s) >= 0).all()
-    # 20 Hz of the wall's clock; fewer where the machine is busy, never more.
-    due = 20 * (end_s - begin_s) / config.speed
-    assert due / 3 < len(notes.samples) < due + 3
+    # 20 Hz, of which an exchange with the valves takes one now and then.
+    due = 20 * (end_s - begin_s)
+    assert due * 0.9 < len(notes.samples) < due + 3
     for sample in notes.samples:
         assert begin_s <= sample.asked_s <= sample.came_s <= end_s
         assert sample.reading.gauge_psi == pytest.approx(0, abs=0.1)
 
 
-def test_the_pressures_of_a_vent_are_recorded_too(serve):
-    _, config = serve()
+def test_the_pressures_of_a_vent_are_recorded_too(rig_with):
+    virtual = rig_with()
     notes = Notes()
-    with open_rig(config) as rig, rig.recording(notes):
+    with open_rig(virtual) as rig, rig.recording(notes):
         rig.make_safe()
         rig.jam({4})
         rig.start_control()
@@ -81,17 +79,18 @@ def test_the_pressures_of_a_vent_are_recorded_too(serve):
         held = len(notes.samples)
         rig.make_safe()
         falling = [sample.reading.gauge_psi for sample in notes.samples[held:]]
-    # On a busy machine the sheet is empty before the first is asked for; SAFE takes half a second of them.
-    assert len(falling) > 3
-    assert falling[-1] < config.limits.safe_pressure_psi
+    assert falling[0] > 0.5
+    # SAFE takes half a second of readings without pressure.
+    assert len(falling) > 10
+    assert falling[-1] < virtual.config.limits.safe_pressure_psi
     came_s = [sample.came_s for sample in notes.samples]
     assert came_s == sorted(came_s)
 
 
-def test_a_recorder_that_fails_ends_neither_the_stream_nor_the_watch(serve):
-    _, config = serve()
+def test_a_recorder_that_fails_ends_neither_the_stream_nor_the_watch(rig_with):
+    virtual = rig_with()
     notes = Notes(broken=True)
-    with open_rig(config) as rig:
+    with open_rig(virtual) as rig:
         with rig.recording(notes):
             rig.wait(2)
         frames, trace = rig.capture(1)
@@ -100,14 +99,12 @@ def test_a_recorder_that_fails_ends_neither_the_stream_nor_the_watch(serve):
     assert len(notes.errors) == len(notes.batches) + len(notes.samples) > 10
 
 
-def test_two_recorders_may_overlap(serve):
-    _, config = serve()
+def test_two_recorders_may_overlap(rig_with):
+    virtual = rig_with()
     one, other = Notes(), Notes()
-    with open_rig(config) as rig, rig.recording(one):
+    with open_rig(virtual) as rig, rig.recording(one):
         with rig.recording(other):
             rig.wait(1)
-        until = time.monotonic() + 5
-        while len(one.samples) <= len(other.samples) and time.monotonic() < until:
-            rig.wait(0.1)
+        rig.wait(1)
     assert len(one.samples) > len(other.samples) > 0
     assert len(concatenate(one.batches)) > len(concatenate(other.batches)) > 0

@@ -1,15 +1,11 @@
-"""Runs on doubles in this process: real bytes, a sheet without the simulator's cost, a ledger in a folder."""
+"""Runs on doubles in virtual time: real bytes, a sheet without the simulator's cost, a ledger in a folder."""
 
 import numpy as np
 import pytest
-from bowl import DESIGN, Bowl
+from bowl import DESIGN
+from virtual_rig import VirtualRig
 
-from labctl.clock import WallClock
-from labctl.config.load import rig_from_text
-from labctl.doubles.faults import parse_faults
 from labctl.doubles.markers import DEFAULT_POINTS
-from labctl.doubles.serve import Doubles
-from labctl.doubles.settings import DoublesSettings
 from labctl.doubles.sheet import Relaxation
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
@@ -21,7 +17,6 @@ from labctl.session.run_stop import RunStop
 from labctl.stop import StopRequest
 from protocols.five_trial import FIVE_TRIAL
 
-SPEED = 20.0
 MEASUREMENT = """
 [measurement]
 still_over = "1 s"
@@ -36,20 +31,16 @@ def simulated_bowl(pattern, pressure_psi):
 class Laboratory:
     """A rig of doubles and a ledger; `run` conducts one run and keeps what was told."""
 
-    def __init__(self, folder, *faults, limits="", measurement=MEASUREMENT, speed=SPEED):
+    def __init__(self, folder, *faults, limits="", measurement=MEASUREMENT):
         self.folder = folder / "ledger"
-        self.doubles = Doubles(
-            DoublesSettings(
-                DESIGN,
-                speed=speed,
-                faults=parse_faults(faults),
-                relaxation=Relaxation(fast_s=0.3, slow_s=1.0),
+        self.rig = VirtualRig(
+            *faults,
+            relaxation=Relaxation(fast_s=0.3, slow_s=1.0),
+            change=lambda text: (
+                text.replace("[limits]\n", f'[limits]\nsettle = "1 s"\ncapture = "0.5 s"\n{limits}') + measurement
             ),
-            shapes=Bowl(),
         )
-        text = self.doubles.rig_toml()
-        text = text.replace("[limits]\n", f'[limits]\nsettle = "1 s"\ncapture = "0.5 s"\n{limits}')
-        self.config = rig_from_text(text + measurement, "rig.toml")
+        self.config = self.rig.config
         self.operator = StopRequest()
         self.design = DESIGN
         self.told = []
@@ -70,22 +61,18 @@ class Laboratory:
         stop = RunStop(operator)
         listener = Listener(self.told.append, lambda *_: None, self.notes.append, lambda *_: None)
         with LedgerWriter.open(self.folder, self.notes.append) as ledger:
-            stop.listen_to(Inbox(self.folder, WallClock()))
+            stop.listen_to(Inbox(self.folder, self.rig.time))
 
             def register(rig):
                 if run is not None:
                     return go_on(ledger, run, rig, "a test", "")
                 return begin(ledger, prepared, len(trials), heights, rig, "a test", "")
 
-            rig = Rig(self.config, stop=stop, tell=self.notes.append)
+            rig = Rig(self.config, stop=stop, notify=self.notes.append, platform=self.rig.platform)
             return conduct(rig, register, trials, prepared.request.attempts, ledger, stop, listener)
 
     def assert_safe(self):
-        state = self.doubles.plant.state()
-        assert state.setpoint_psi == 0
-        assert state.exhausting
-        assert state.pressure_psi < 0.3
-        assert not state.coils
+        self.rig.assert_safe()
 
 
 @pytest.fixture
@@ -99,4 +86,4 @@ def laboratory(tmp_path):
 
     yield make
     for one in opened:
-        one.doubles.close()
+        one.rig.close()

@@ -75,7 +75,7 @@ def _measure(
             return record
 
         line.show("opening the rig")
-        opened = reporting(Rig(config, stop=stop, tell=line.note))
+        opened = reporting(Rig(config, stop=stop, notify=line.note))
         try:
             record, summary = conduct(
                 opened, register, trials, prepared.request.attempts, writer, stop, teller.listener()

@@ -46,7 +46,7 @@ class RunReporter:
         self._config = config
         self._planned = len(trials)
         self._quiet = quiet
-        self._teller = NonBlockingOutput(click.echo)
+        self._output = NonBlockingOutput(click.echo)
         if any(trial.sheet for trial in trials) and not config.simulated and not sys.stdin.isatty():
             raise BadInput("this protocol asks for another sheet on the way: run it at a terminal")
 
@@ -62,14 +62,14 @@ class RunReporter:
 
     def finish(self) -> None:
         """Let what is waiting be said, for a second at most."""
-        self._teller.finish()
+        self._output.finish()
 
     def _committed(self, record: "TrialRecord") -> None:
         self._say(describe_trial(record, self._planned))
 
     def _say(self, text: str) -> None:
         if not self._quiet:
-            self._teller.tell(text)
+            self._output.write(text)
 
     def _mount(self, sheet: str, rig: "Rig") -> None:
         """Wait until a person has laid the sheet on the rig; the doubles' sheet knows no order of fibers."""

@@ -1,0 +1,24 @@
+"""What a rig runs on: time, the wires to its instruments, and the guard that outlives its program."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from labctl.clock import Scheduler, WallClock
+from labctl.config.rig import RigConfig
+from labctl.links.wires import SYSTEM_WIRES, Wires
+from labctl.safety.guard import Guard, GuardProcess
+
+
+@dataclass(frozen=True)
+class Platform:
+    """Handed in, so that a whole rig can run in virtual time against doubles of the same process.
+
+    `scheduler` is the wall's clock with the threads, events and locks that wait by it.
+    """
+
+    scheduler: Scheduler
+    wires: Wires
+    start_guard: Callable[[RigConfig], Guard]
+
+
+SYSTEM = Platform(WallClock(), SYSTEM_WIRES, GuardProcess)
