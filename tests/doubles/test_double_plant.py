@@ -175,11 +175,13 @@ def test_sheet_follows_pressure_and_pattern_with_a_fast_and_a_slow_part(plant_of
 def test_thread_keeps_the_plant_going_while_nobody_asks(design, shapes, panel, tmp_path):
     import time
 
-    from labctl.clock import FastClock
+    from labctl.clock import FastClock, WallClock
     from labctl.doubles.plant import Plant
 
     seen = []
-    plant = Plant(FastClock(20.0), design, shapes, np.random.default_rng(0), panel, observe=seen.append)
+    plant = Plant(
+        FastClock(20.0, WallClock()), design, shapes, np.random.default_rng(0), panel, observe=seen.append
+    )
     plant.start(tick_s=0.1)
     deadline = time.monotonic() + 5
     while len(seen) < 21 and time.monotonic() < deadline:

@@ -157,7 +157,7 @@ def test_all_frames_at_hand_come_in_one_call(started):
 
 def test_arrival_is_by_the_clock_that_was_handed_in(stream):
     link = stream(SESSION, STREAMING, frame(1), frame(2))
-    device = source(link, clock=FastClock(1000.0))
+    device = source(link, clock=FastClock(1000.0, WallClock()))
     device.start()
     before_s = 1000 * time.monotonic()
     arrival_s = device.next_frames().arrival_s

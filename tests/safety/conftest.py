@@ -3,22 +3,10 @@
 from collections.abc import Callable, Collection
 
 import pytest
+from virtual_time import VirtualTime
 
 from labctl.errors import NoAnswer
 from labctl.instruments.readings import Identity, PressureReading
-
-
-class ManualClock:
-    """A clock that moves only when something sleeps on it."""
-
-    def __init__(self) -> None:
-        self.time_s = 100.0
-
-    def now_s(self) -> float:
-        return self.time_s
-
-    def sleep(self, seconds: float) -> None:
-        self.time_s += seconds
 
 
 class FakeRegulator:
@@ -109,12 +97,19 @@ class FakeGuard:
     def __init__(self) -> None:
         self.lives = True
         self.beats = 0
+        self.orders: list[str] = []
 
     def alive(self) -> bool:
         return self.lives
 
     def beat(self) -> None:
         self.beats += 1
+
+    def energised(self) -> None:
+        self.orders.append("energised")
+
+    def safe(self) -> None:
+        self.orders.append("safe")
 
 
 @pytest.fixture
@@ -123,8 +118,8 @@ def calls() -> list[str]:
 
 
 @pytest.fixture
-def clock() -> ManualClock:
-    return ManualClock()
+def clock() -> VirtualTime:
+    return VirtualTime(start_s=100.0)
 
 
 @pytest.fixture
@@ -143,10 +138,10 @@ def guard() -> FakeGuard:
 
 
 @pytest.fixture
-def said() -> list[str]:
+def notes() -> list[str]:
     return []
 
 
 @pytest.fixture
-def tell(said: list[str]) -> Callable[[str], None]:
-    return said.append
+def notify(notes: list[str]) -> Callable[[str], None]:
+    return notes.append

@@ -1,5 +1,3 @@
-import threading
-
 import pytest
 
 from labctl.config.rig import Limits
@@ -10,8 +8,14 @@ from labctl.safety.safe_state import judge, make_safe, reach_and_make_safe
 LIMITS = Limits()
 
 
+def vent(regulator, valves, clock, dump_channel=None, **more):
+    return make_safe(
+        regulator, valves, limits=LIMITS, dump_channel=dump_channel, clock=clock, scheduler=clock, **more
+    )
+
+
 def test_setpoint_goes_before_the_exhaust_and_everything_is_read_back(regulator, valves, clock, calls):
-    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+    report = vent(regulator, valves, clock)
 
     assert report.safe
     assert report.vented_by == "exhaust"
@@ -27,7 +31,7 @@ def _last(calls, call):
 
 
 def test_a_silent_regulator_does_not_make_the_valves_wait(regulator, valves, clock):
-    valves_off = threading.Event()
+    valves_off = clock.event()
     switch = valves.write
 
     def write(on, timeout_s=None):
@@ -41,7 +45,7 @@ def test_a_silent_regulator_does_not_make_the_valves_wait(regulator, valves, clo
 
     valves.write, regulator.write_setpoint = write, silent
 
-    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+    report = vent(regulator, valves, clock)
 
     assert report.channels_on == frozenset()
 
@@ -50,7 +54,7 @@ def test_waits_until_the_pressure_is_gone(regulator, valves, clock):
     regulator.fall_psi = 0.1
     start_s = clock.now_s()
 
-    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+    report = vent(regulator, valves, clock)
 
     assert report.safe
     assert report.pressure_psi <= LIMITS.safe_pressure_psi
@@ -61,7 +65,7 @@ def test_pressure_that_stays_is_unsafe_after_the_vent_timeout(regulator, valves,
     regulator.fall_psi = 0.0
     start_s = clock.now_s()
 
-    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+    report = vent(regulator, valves, clock)
 
     assert not report.safe
     assert "pressure reads 3.90 psi" in report.describe()
@@ -72,7 +76,7 @@ def test_pressure_that_stays_is_unsafe_after_the_vent_timeout(regulator, valves,
 def test_a_dead_regulator_does_not_keep_the_valves_on(regulator, valves, clock):
     regulator.dead = True
 
-    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+    report = vent(regulator, valves, clock)
 
     assert valves.on == frozenset()
     assert not report.safe
@@ -83,7 +87,7 @@ def test_a_dead_regulator_does_not_keep_the_valves_on(regulator, valves, clock):
 def test_a_dead_valve_bank_does_not_keep_the_pressure_up(regulator, valves, clock):
     valves.dead = True
 
-    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+    report = vent(regulator, valves, clock)
 
     assert regulator.exhausting
     assert not report.safe
@@ -91,7 +95,9 @@ def test_a_dead_valve_bank_does_not_keep_the_pressure_up(regulator, valves, cloc
 
 
 def test_instruments_that_could_not_be_opened_are_unsafe(clock):
-    report = reach_and_make_safe(lambda: None, lambda: None, limits=LIMITS, dump_channel=None, clock=clock)
+    report = reach_and_make_safe(
+        lambda: None, lambda: None, limits=LIMITS, dump_channel=None, clock=clock, scheduler=clock
+    )
 
     assert not report.safe
 
@@ -99,7 +105,7 @@ def test_instruments_that_could_not_be_opened_are_unsafe(clock):
 def test_a_valve_that_stays_on_is_named(regulator, valves, clock):
     valves.stuck = frozenset({2})
 
-    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+    report = vent(regulator, valves, clock)
 
     assert not report.safe
     assert "channels still on: 2" in report.describe()
@@ -109,7 +115,7 @@ def test_zero_setpoint_without_an_open_way_out_is_not_safe(regulator, valves, cl
     regulator.exhaust_works = False
     regulator.pressure_psi = 0.0
 
-    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+    report = vent(regulator, valves, clock)
 
     assert not report.safe
     assert "neither the exhaust nor a dump valve" in report.describe()
@@ -119,7 +125,7 @@ def test_a_dump_valve_that_reads_off_vents_a_regulator_that_cannot(regulator, va
     regulator.can_exhaust = False
     regulator.pressure_psi = 0.0
 
-    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=8, clock=clock)
+    report = vent(regulator, valves, clock, dump_channel=8)
 
     assert report.safe
     assert report.vented_by == "dump"
@@ -138,13 +144,13 @@ def test_one_garbled_exchange_does_not_make_a_rig_unsafe(regulator, valves, cloc
 
     regulator.write_setpoint = once_garbled
 
-    assert make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock).safe
+    assert vent(regulator, valves, clock).safe
 
 
 def test_a_defect_in_a_driver_does_not_stop_the_next_step(regulator, valves, clock):
     regulator.write_setpoint = lambda setpoint_psi, timeout_s=None: 1 / 0
 
-    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+    report = vent(regulator, valves, clock)
 
     assert regulator.exhausting
     assert valves.on == frozenset()
@@ -183,7 +189,7 @@ def test_a_pressure_that_comes_back_is_waited_for(regulator, valves, clock):
 
     regulator.read = breathing
 
-    report = make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock)
+    report = vent(regulator, valves, clock)
 
     assert report.safe
     assert next(pressures) == 0.1
@@ -191,7 +197,7 @@ def test_a_pressure_that_comes_back_is_waited_for(regulator, valves, clock):
 
 
 def test_a_slow_instrument_does_not_stop_the_ticks(regulator, valves, clock):
-    gate = threading.Event()
+    gate = clock.event()
     ticks = []
 
     def slow(timeout_s=None):
@@ -205,4 +211,6 @@ def test_a_slow_instrument_does_not_stop_the_ticks(regulator, valves, clock):
 
     valves.read = slow
 
-    assert make_safe(regulator, valves, limits=LIMITS, dump_channel=None, clock=clock, tick=tick).safe
+    assert make_safe(
+        regulator, valves, limits=LIMITS, dump_channel=None, clock=clock, scheduler=clock, tick=tick
+    ).safe

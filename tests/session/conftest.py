@@ -37,7 +37,8 @@ class Laboratory:
             *faults,
             relaxation=Relaxation(fast_s=0.3, slow_s=1.0),
             change=lambda text: (
-                text.replace("[limits]\n", f'[limits]\nsettle = "1 s"\ncapture = "0.5 s"\n{limits}') + measurement
+                text.replace("[limits]\n", f'[limits]\nsettle = "1 s"\ncapture = "0.5 s"\n{limits}')
+                + measurement
             ),
         )
         self.config = self.rig.config
