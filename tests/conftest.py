@@ -5,6 +5,8 @@ from labctl.config.design import Design, Fiber, SheetSpec
 from labctl.simulation.subject import Simulated, pattern_subject
 from sim.sheet import rest_positions_m
 
+pytest_plugins = ["real_time"]
+
 
 @pytest.fixture(scope="session")
 def slanted() -> Simulated:
