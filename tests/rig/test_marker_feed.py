@@ -1,16 +1,13 @@
 import math
-import queue
-import threading
-import time
+from collections import deque
 
 import numpy as np
 import pytest
+from virtual_time import VirtualTime
 
-from labctl.clock import WallClock
 from labctl.errors import GarbledReply, InstrumentError, InstrumentRefused, LinkDown, NoAnswer
 from labctl.instruments.readings import MarkerFrames
 from labctl.mocap.errors import NoFrames
-from labctl.rig import marker_feed as feed_module
 from labctl.rig.marker_feed import MarkerFeed
 
 
@@ -19,22 +16,30 @@ class Stream:
 
     name = "marker stream"
 
-    def __init__(self):
-        self._coming = queue.Queue()
+    def __init__(self, time):
+        self._time = time
+        self._coming = deque()
+        self._arrived = time.event()
         self.taken = 0
 
     def put(self, what):
-        self._coming.put(what)
+        self._coming.append(what)
+        self._arrived.set()
 
     def next_frames(self, timeout_s=None):
-        try:
-            what = self._coming.get(timeout=min(timeout_s, 0.02))
-        except queue.Empty:
-            raise NoAnswer("no frame in time") from None
+        if not self._coming:
+            self._arrived = self._time.event()
+            if not self._arrived.wait(timeout_s):
+                raise NoAnswer("no frame in time")
+        what = self._coming.popleft()
         self.taken += 1
         if isinstance(what, Exception):
             raise what
         return what
+
+    def settle(self):
+        """Let the feed read what has come; it pauses for 5 ms where a read finds nothing."""
+        self._time.sleep(0.01)
 
     def identify(self, timeout_s=None):
         raise NotImplementedError
@@ -46,21 +51,6 @@ class Stream:
 
     def close(self):
         raise NotImplementedError
-
-
-class HandClock:
-    """A clock that a test moves; waiting on it lets other threads run. `asked` counts the looks at it."""
-
-    def __init__(self):
-        self.time_s = 100.0
-        self.asked = 0
-
-    def now_s(self):
-        self.asked += 1
-        return self.time_s
-
-    def sleep(self, seconds):
-        time.sleep(0.001)
 
 
 def numbered(number):
@@ -80,26 +70,19 @@ def batch(*numbers):
     )
 
 
-def until(holds):
-    end_s = time.monotonic() + 10
-    while not holds():
-        assert time.monotonic() < end_s, "waited for 10 s"
-        time.sleep(0.001)
+@pytest.fixture
+def time():
+    return VirtualTime()
 
 
 @pytest.fixture
-def stream():
-    return Stream()
+def stream(time):
+    return Stream(time)
 
 
 @pytest.fixture
-def clock():
-    return HandClock()
-
-
-@pytest.fixture
-def feed(stream, clock):
-    running = MarkerFeed(stream, clock)
+def feed(stream, time):
+    running = MarkerFeed(stream, time)
     running.start()
     yield running
     running.close()
@@ -107,10 +90,11 @@ def feed(stream, clock):
 
 def arrived(feed, stream, *batches):
     """Hand batches to the stream and wait until the feed has them."""
-    wanted = feed.mark() + sum(map(len, batches))
+    due = feed.mark() + sum(map(len, batches))
     for frames in batches:
         stream.put(frames)
-    until(lambda: feed.mark() == wanted)
+    stream.settle()
+    assert feed.mark() == due
 
 
 def times(frames):
@@ -137,7 +121,7 @@ def test_since_cuts_a_batch_where_the_mark_is(feed, stream):
 def test_a_taker_gets_each_batch_while_it_is_asked_for(feed, stream):
     arrived(feed, stream, batch(0))
     taken = []
-    with feed.handing_to(taken.append):
+    with feed.observing(taken.append):
         arrived(feed, stream, batch(1, 2), batch(3))
     arrived(feed, stream, batch(4))
     assert [times(frames) for frames in taken] == [[1, 2], [3]]
@@ -146,11 +130,12 @@ def test_a_taker_gets_each_batch_while_it_is_asked_for(feed, stream):
 def test_the_stream_is_read_although_nobody_asks(feed, stream):
     for number in range(1000):
         stream.put(numbered(number))
-    until(lambda: stream.taken == 1000)
+    stream.settle()
+    assert stream.taken == 1000
 
 
-def test_frames_that_were_dropped_are_not_passed_over(stream, clock):
-    feed = MarkerFeed(stream, clock, capacity=10)
+def test_frames_that_were_dropped_are_not_passed_over(stream, time):
+    feed = MarkerFeed(stream, time, capacity=10)
     feed.start()
     mark = feed.mark()
     arrived(feed, stream, *map(numbered, range(10)))
@@ -162,14 +147,12 @@ def test_frames_that_were_dropped_are_not_passed_over(stream, clock):
     feed.close()
 
 
-def test_the_age_of_the_last_frame_is_by_the_clock(feed, stream, clock):
+def test_the_age_of_the_last_frame_is_by_the_clock(feed, stream, time):
     assert feed.last_frame_age_s() == math.inf
-    arrived(feed, stream, numbered(0))
-    assert feed.last_frame_age_s() == 0
-    clock.time_s += 0.75
-    assert feed.last_frame_age_s() == 0.75
-    arrived(feed, stream, numbered(1))
-    assert feed.last_frame_age_s() == 0
+    for number in range(2):
+        stream.put(numbered(number))
+        time.sleep(0.75)
+        assert feed.last_frame_age_s() == 0.75
 
 
 def test_silences_and_garbled_frames_are_not_the_end(feed, stream):
@@ -180,7 +163,7 @@ def test_silences_and_garbled_frames_are_not_the_end(feed, stream):
     assert times(feed.since(0)) == [0]
 
 
-def test_a_source_that_refuses_at_once_is_not_asked_without_pause(stream):
+def test_a_source_that_refuses_at_once_is_not_asked_without_pause(stream, time):
     asked = []
 
     def refuse(timeout_s):
@@ -188,11 +171,11 @@ def test_a_source_that_refuses_at_once_is_not_asked_without_pause(stream):
         raise NoAnswer("no stream was asked for")
 
     stream.next_frames = refuse
-    feed = MarkerFeed(stream, WallClock())
+    feed = MarkerFeed(stream, time)
     feed.start()
     time.sleep(0.1)
     feed.close()
-    assert 2 < len(asked) < 25
+    assert 15 < len(asked) < 25
 
 
 @pytest.mark.parametrize(
@@ -206,34 +189,34 @@ def test_a_source_that_refuses_at_once_is_not_asked_without_pause(stream):
 def test_any_other_failure_ends_the_feed_and_is_told(feed, stream, failure, raised):
     arrived(feed, stream, numbered(0))
     stream.put(failure)
-    until(lambda: feed.failure is not None)
+    stream.settle()
     assert feed.failure is failure
     with pytest.raises(raised, match=f"marker stream: the marker stream ended: {failure}"):
         feed.since(0)
 
 
-def test_start_and_close_may_be_called_twice(stream, clock):
-    feed = MarkerFeed(stream, clock)
+def test_start_and_close_may_be_called_twice(stream, time):
+    feed = MarkerFeed(stream, time)
     feed.close()
     with pytest.raises(InstrumentError, match="was closed"):
         feed.start()
 
-    feed = MarkerFeed(stream, clock)
+    feed = MarkerFeed(stream, time)
     feed.start()
     feed.start()
     arrived(feed, stream, numbered(0))
     feed.close()
     feed.close()
-    assert not any(thread.name == "feed of marker stream" for thread in threading.enumerate())
+    assert time.failures == []
     assert feed.failure is None
 
 
-def test_close_is_bounded_when_a_read_hangs(stream, clock, monkeypatch):
-    release = threading.Event()
-    monkeypatch.setattr(feed_module, "JOIN_TIMEOUT_S", 0.05)
+def test_close_is_bounded_when_a_read_hangs(stream, time, monkeypatch):
+    release = time.event()
     monkeypatch.setattr(stream, "next_frames", lambda timeout_s: release.wait(30) and numbered(0))
-    feed = MarkerFeed(stream, clock)
+    feed = MarkerFeed(stream, time)
     feed.start()
+    time.sleep(0.1)
     with pytest.raises(NoAnswer, match="did not end within"):
         feed.close()
     release.set()
