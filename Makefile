@@ -2,31 +2,19 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-COMPUTING := tests/sim tests/evolve tests/design_search tests/report tests/ledger tests/measurement tests/statistics tests/export
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test test-commands test-rig test-computing kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-rig clean
+.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-rig clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
 
-# Tests on the doubles keep real deadlines and wait most of the time: two streams of them at once, of about the same length
-# (labctl run and report are in the second). Those that compute take what is left of the machine. Each stream tells its
-# whole story when it ends.
+# What computes, and what runs in virtual time, does not care how busy the machine is. What needs the machine's own time
+# comes after it, one test after the other, beside a sleeper (tests/real_time.py).
 test: $(INSTALLED)  ## every check and every test
 	@$(MAKE) --no-print-directory --jobs 2 --output-sync check kernels
-	@$(MAKE) --no-print-directory --jobs 3 test-commands test-rig test-computing
-
-test-commands: $(INSTALLED)
-	@$(call told_at_its_end,$(BIN)/pytest tests/cli --ignore-glob='*/test_cli_r*.py')
-
-test-rig: $(INSTALLED)
-	@$(call told_at_its_end,$(BIN)/pytest --ignore-glob='*/test_cli_[!r]*.py' $(COMPUTING:%=--ignore=%))
-
-test-computing: $(INSTALLED)
-	@$(call told_at_its_end,nice -n 19 $(BIN)/pytest -n 2 --dist loadfile $(COMPUTING))
-
-told_at_its_end = $(1) > .$@.log 2>&1; code=$$?; cat .$@.log; exit $$code
+	$(BIN)/pytest -n 2 --dist loadfile -m "not real_time"
+	$(BIN)/pytest -m real_time
 
 kernels: $(INSTALLED)  ## the compiled simulator, which each stream of tests would else compile for itself
 	$(BIN)/python -c 'from sim.warm import compile_kernels as ready; [ready(print, solver, precision) \
@@ -66,4 +54,4 @@ $(INSTALLED): pyproject.toml
 	@touch $@
 
 clean:
-	rm -rf $(VENV) .test-*.log .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

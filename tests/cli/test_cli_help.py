@@ -2,6 +2,10 @@ import subprocess
 import sys
 import time
 
+import pytest
+
+pytestmark = pytest.mark.real_time
+
 HEAVY = ("numpy", "scipy", "numba", "pydantic", "pint", "pymodbus", "serial", "sim")
 
 

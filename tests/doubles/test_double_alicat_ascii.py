@@ -6,6 +6,8 @@ from labctl.doubles.alicat_ascii import AlicatAscii, AsciiLine
 from labctl.doubles.chamber import ChamberSettings
 from labctl.doubles.plant import PlantSettings
 
+pytestmark = pytest.mark.real_time
+
 QUIET = ChamberSettings(noise_psi=0.0)
 
 

@@ -8,6 +8,8 @@ from labctl.doubles.modbus_frames import ModbusError, open_rtu_frame, rtu_frame
 from labctl.doubles.modbus_lines import RtuLine
 from labctl.doubles.plant import PlantSettings
 
+pytestmark = pytest.mark.real_time
+
 QUIET = ChamberSettings(noise_psi=0.0)
 F39 = struct.pack(">f", 3.9).hex(" ")  # 40 79 99 9A
 

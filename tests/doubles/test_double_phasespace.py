@@ -14,6 +14,8 @@ from labctl.doubles.phasespace_packets import Packet, TooLargeError, checksum, t
 from labctl.doubles.phasespace_server import PhaseSpaceServer
 from labctl.doubles.transports import listen
 
+pytestmark = pytest.mark.real_time
+
 CLEAN = MarkerSettings(noise_sd_mm=0.0, occlusion_hz=0.0, dropout=0.0)
 TEXT, INTS, FLOATS = 1, 2, 3
 

@@ -15,6 +15,8 @@ from labctl.doubles.serve import Doubles
 from labctl.doubles.settings import DoublesSettings
 from labctl.errors import BadInput
 
+pytestmark = pytest.mark.real_time
+
 
 class Serial:
     """A raw serial client."""

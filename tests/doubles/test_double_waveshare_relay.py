@@ -10,6 +10,8 @@ from labctl.doubles.plant import PlantSettings
 from labctl.doubles.transports import listen, serve_tcp
 from labctl.doubles.waveshare_relay import WaveshareRelay
 
+pytestmark = pytest.mark.real_time
+
 
 @pytest.fixture
 def board_of(plant_of, clock):

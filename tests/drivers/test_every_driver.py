@@ -21,6 +21,8 @@ from labctl.links.modbus_link import open_modbus_serial, open_modbus_tcp
 from labctl.links.serial_link import open_serial_link
 from labctl.links.tcp_stream import TcpStream
 
+pytestmark = pytest.mark.real_time
+
 TIMEOUT_S = 0.2
 MARGIN_S = 0.5
 ALICAT = {

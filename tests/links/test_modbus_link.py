@@ -10,6 +10,8 @@ from labctl.errors import GarbledReply, InstrumentRefused, LinkDown, NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.links.modbus_link import open_modbus_serial, open_modbus_tcp
 
+pytestmark = pytest.mark.real_time
+
 READ_8 = bytes.fromhex("01 01 00 00 00 08 3D CC")
 RELAY_0_ON = bytes.fromhex("01 05 00 00 FF 00 8C 3A")
 COILS_0_19_OFF = bytes.fromhex("01 0F 00 00 00 14 03 00 00 00 50 75")

@@ -8,6 +8,8 @@ from labctl.errors import GarbledReply, LinkDown, NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.links.serial_link import open_serial_link
 
+pytestmark = pytest.mark.real_time
+
 POLL, FRAME = b"A\r", b"A +003.90 +003.90\r"
 PROBE, VERSION = b"AVE\r", b"A   10v20.0-R24 Jan  9 2025,15:04:07\r"
 

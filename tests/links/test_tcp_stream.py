@@ -9,6 +9,8 @@ from labctl.errors import LinkDown, NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.links.tcp_stream import TcpStream
 
+pytestmark = pytest.mark.real_time
+
 
 def within(seconds):
     return Deadline(WallClock(), seconds)

@@ -11,6 +11,8 @@ from labctl.config.load import load_rig
 from labctl.safety.guard import ENERGISED, GuardOrders, GuardProcess
 from labctl.safety.reach import Reach, open_and_make_safe
 
+pytestmark = pytest.mark.real_time
+
 RIG = """
 name = "bench"
 [regulator]
