@@ -11,9 +11,9 @@ from labctl.cli.output import banner, emit_json
 from labctl.cli.rigs import chosen_rig, json_option, rig_option
 
 if TYPE_CHECKING:
-    from labctl.clock import Scheduler
     from labctl.config.rig import RigConfig
     from labctl.instruments.readings import Identity
+    from labctl.rig.platform import Platform
 
 _MARKER_LOOK_S = 1.0
 
@@ -40,14 +40,14 @@ def doctor(rig_path: Path | None, as_json: bool) -> int:
     Nothing is energised; no setpoint or valve is written. Exit code 2 when an instrument does not answer.
     """
     from labctl.cli.interrupts import stop_on_signals
-    from labctl.clock import WallClock
+    from labctl.cli.outcome import Outcome
 
     with stop_on_signals() as stop, chosen_rig(rig_path, "known", stop) as config:
-        wall = WallClock()
+        platform = Outcome.current().platform
         findings: list[Finding] = []
         for examine in (_regulator, _valves, _markers, _guard):
             stop.check()
-            findings += _guarded(examine, config, wall)
+            findings += _guarded(examine, config, platform)
         findings += _protections(config)
     failed = any(finding.verdict == "fault" for finding in findings)
     if as_json:
@@ -70,20 +70,20 @@ def doctor(rig_path: Path | None, as_json: bool) -> int:
 
 
 def _guarded(
-    examine: Callable[["RigConfig", "Scheduler"], list[Finding]], config: "RigConfig", wall: "Scheduler"
+    examine: Callable[["RigConfig", "Platform"], list[Finding]], config: "RigConfig", platform: "Platform"
 ) -> list[Finding]:
     from labctl.errors import LabError
 
     try:
-        return examine(config, wall)
+        return examine(config, platform)
     except LabError as error:
         return [Finding(examine.__name__.strip("_"), "fault", str(error))]
 
 
-def _regulator(config: "RigConfig", wall: "Scheduler") -> list[Finding]:
+def _regulator(config: "RigConfig", platform: "Platform") -> list[Finding]:
     from labctl.drivers.opening import open_regulator
 
-    regulator = open_regulator(config.regulator, config.limits, wall)
+    regulator = open_regulator(config.regulator, config.limits, platform.scheduler, platform.wires)
     try:
         identity = regulator.identify()
         findings = [Finding(regulator.name, "ok", _who(identity)), _setpoint_source(identity)]
@@ -117,10 +117,10 @@ def _setpoint_source(identity: "Identity") -> Finding:
     return Finding("setpoint source", "ok", identity.setpoint_source)
 
 
-def _valves(config: "RigConfig", wall: "Scheduler") -> list[Finding]:
+def _valves(config: "RigConfig", platform: "Platform") -> list[Finding]:
     from labctl.drivers.opening import open_valves
 
-    valves = open_valves(config.valves, wall)
+    valves = open_valves(config.valves, platform.scheduler, platform.wires)
     try:
         who = _who(valves.identify())
         on = valves.read()
@@ -132,19 +132,19 @@ def _valves(config: "RigConfig", wall: "Scheduler") -> list[Finding]:
     ]
 
 
-def _markers(config: "RigConfig", wall: "Scheduler") -> list[Finding]:
+def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
     from labctl.drivers.opening import open_markers
     from labctl.mocap.window import average
     from labctl.rig.marker_feed import MarkerFeed
 
-    source = open_markers(config.markers, wall, wall)
-    feed = MarkerFeed(source, wall)
+    source = open_markers(config.markers, platform.scheduler, platform.scheduler, platform.wires)
+    feed = MarkerFeed(source, platform.scheduler)
     try:
         who = _who(source.identify())
         source.start()
         feed.start()
         mark = feed.mark()
-        wall.sleep(_MARKER_LOOK_S)
+        platform.scheduler.sleep(_MARKER_LOOK_S)
         frames = feed.since(mark)
     finally:
         feed.close()
@@ -165,13 +165,11 @@ def _markers(config: "RigConfig", wall: "Scheduler") -> list[Finding]:
     return findings
 
 
-def _guard(config: "RigConfig", wall: "Scheduler") -> list[Finding]:
-    from labctl.safety.guard import GuardProcess
-
-    start_s = wall.now_s()
-    guard = GuardProcess(config)
+def _guard(config: "RigConfig", platform: "Platform") -> list[Finding]:
+    start_s = platform.scheduler.now_s()
+    guard = platform.start_guard(config)
     guard.wait_armed()
-    took_s = wall.now_s() - start_s
+    took_s = platform.scheduler.now_s() - start_s
     guard.stand_down()
     return [
         Finding(

@@ -32,6 +32,7 @@ def inflate(pattern: str, pressure_text: str, design_name: str, rig_path: Path |
     Ctrl-C at any moment ends in SAFE. Exit code 0 means that SAFE was read back.
     """
     from labctl.cli.interrupts import stop_on_signals
+    from labctl.cli.outcome import Outcome
     from labctl.config.load import check_fit, load_design
     from labctl.config.quantity import pressure_psi
     from labctl.mocap.transfer import transfer_error
@@ -54,7 +55,9 @@ def inflate(pattern: str, pressure_text: str, design_name: str, rig_path: Path |
             simulated = simulate_pattern(design, pattern, design.sheet.strain_at(wanted_psi))
             simulated_mm = simulated.points_mm(points_mm)[:, 2]
             line.show("opening the rig")
-            with reporting(Rig(config, stop=stop, notify=line.note)) as rig:
+            with reporting(
+                Rig(config, stop=stop, notify=line.note, platform=Outcome.current().platform)
+            ) as rig:
                 result = run_inflate(
                     rig,
                     InflateOrder(channels, wanted_psi),

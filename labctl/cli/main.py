@@ -8,7 +8,7 @@ import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,6 +16,9 @@ from labctl import __version__
 from labctl.cli.outcome import Outcome
 from labctl.cli.output import SIMULATED
 from labctl.errors import LabError
+
+if TYPE_CHECKING:
+    from labctl.rig.platform import Platform
 
 # Name -> (module, attribute, one line of help): `labctl --help` must not import what the commands need.
 COMMANDS = {
@@ -73,11 +76,14 @@ def labctl() -> None:
     """
 
 
-def run(arguments: Sequence[str]) -> int:
-    """Run a command line and return its exit code: 0, 1 for a failure at run time, 2 for bad input."""
+def run(arguments: Sequence[str], platform: "Platform | None" = None) -> int:
+    """Run a command line and return its exit code: 0, 1 for a failure at run time, 2 for bad input.
+
+    `platform` is what rigs are opened on; this machine where it is None.
+    """
     _open_missing_streams()
     as_json = "--json" in arguments
-    outcome = Outcome()
+    outcome = Outcome(platform)
 
     def fail(code: int, message: str) -> int:
         with suppress(OSError):

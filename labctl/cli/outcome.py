@@ -1,4 +1,4 @@
-"""What is known of the rig while a command runs, so that a failure can tell it too."""
+"""What a command runs on, and what is known of its rig meanwhile, so that a failure can report it too."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,13 +7,18 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
+    from labctl.rig.platform import Platform
     from labctl.safety.safe_state import SafeReport
 
 
 @dataclass
 class Outcome:
-    """Filled in while a command runs: whether its rig is simulated, and what was last read back from it."""
+    """Filled in while a command runs: whether its rig is simulated, and what was last read back from it.
 
+    `on` is the platform that was handed in, None for this machine.
+    """
+
+    on: "Platform | None" = None
     simulated: bool | None = None
     report: "SafeReport | None" = None
 
@@ -22,6 +27,13 @@ class Outcome:
         """The running command's."""
         outcome = click.get_current_context().find_object(cls)
         return cls() if outcome is None else outcome
+
+    @property
+    def platform(self) -> "Platform":
+        """What the command's rig is opened on."""
+        from labctl.rig.platform import SYSTEM
+
+        return self.on or SYSTEM
 
     def for_machines(self) -> Mapping[str, Any]:
         """What a failed command's JSON says beside its error."""

@@ -14,16 +14,16 @@ from labctl.cli.rigs import chosen_rig, json_option, rig_option
 def status(rig_path: Path | None, as_json: bool) -> None:
     """Pressure, setpoint, status flags and valves as they read now. Writes nothing to any instrument."""
     from labctl.cli.interrupts import stop_on_signals
-    from labctl.clock import WallClock
+    from labctl.cli.outcome import Outcome
     from labctl.drivers.opening import open_regulator, open_valves
     from labctl.errors import InstrumentError, RigUnavailable
     from labctl.safety.safe_state import judge
 
     with stop_on_signals() as stop, chosen_rig(rig_path, "known", stop) as config:
-        wall = WallClock()
+        platform = Outcome.current().platform
         try:
-            regulator = open_regulator(config.regulator, config.limits, wall)
-            valves = open_valves(config.valves, wall)
+            regulator = open_regulator(config.regulator, config.limits, platform.scheduler, platform.wires)
+            valves = open_valves(config.valves, platform.scheduler, platform.wires)
             reading, channels_on = regulator.read(), valves.read()
             regulator.close()
             valves.close()

@@ -20,14 +20,16 @@ def vent(rig_path: Path | None, as_json: bool) -> int:
     and the exit code 1.
     """
     from labctl.cli.interrupts import stop_on_signals
-    from labctl.clock import WallClock
+    from labctl.cli.outcome import Outcome
     from labctl.errors import LinkBusy
     from labctl.safety.reach import Reach, open_and_make_safe
 
+    platform = Outcome.current().platform
     with stop_on_signals() as stop, chosen_rig(rig_path, "known", stop) as config:
         report = open_and_make_safe(
             Reach.of(config),
-            WallClock(),
+            platform.scheduler,
+            platform.wires,
             # The guard of a run that has just ended may still be venting.
             patience_s=_BUSY_S,
             patient_with=LinkBusy,

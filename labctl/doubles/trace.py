@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 from labctl.clock import Clock
 from labctl.doubles.plant import PlantState
@@ -31,18 +32,22 @@ class Trace:
         """Append one line; after `close` nothing is written."""
         if self._file.closed:
             return
-        row = {
-            "time_s": round(state.time_s, 6),
-            "wall_s": self._wall.now_s(),
-            "pressure_psi": state.pressure_psi,
-            "setpoint_psi": state.setpoint_psi,
-            "exhausting": state.exhausting,
-            "coils": sorted(state.coils),
-            "jammed": sorted(state.jammed),
-        }
-        self._file.write(json.dumps(row) + "\n")
+        self._file.write(json.dumps(row_of(state, self._wall.now_s())) + "\n")
         self._file.flush()
 
     def close(self) -> None:
         """End the file; may be called twice."""
         self._file.close()
+
+
+def row_of(state: PlantState, wall_s: float) -> dict[str, Any]:
+    """A line of the trace."""
+    return {
+        "time_s": round(state.time_s, 6),
+        "wall_s": wall_s,
+        "pressure_psi": state.pressure_psi,
+        "setpoint_psi": state.setpoint_psi,
+        "exhausting": state.exhausting,
+        "coils": sorted(state.coils),
+        "jammed": sorted(state.jammed),
+    }

@@ -196,7 +196,7 @@ class Supervisor:
 
     @contextmanager
     def observing(self, take: Callable[[PressureSample], None]) -> Iterator[None]:
-        """While inside, `take` gets each credible reading, on the thread that reads; it may neither wait nor raise."""
+        """While inside, `take` gets each credible reading, on the thread that reads; it must not wait or raise."""
         with self._bus:
             self._observers.append(take)
         try:

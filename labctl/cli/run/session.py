@@ -12,7 +12,6 @@ from labctl.cli.output import ProgressLine
 from labctl.cli.rigs import chosen_rig, reporting, rig_to_be
 from labctl.cli.run.options import SessionOptions
 from labctl.cli.run.text import RunReporter, default_operator, tell_result
-from labctl.clock import WallClock
 from labctl.errors import BadInput
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.records import Json, RunRecord
@@ -75,7 +74,7 @@ def _measure(
             return record
 
         line.show("opening the rig")
-        opened = reporting(Rig(config, stop=stop, notify=line.note))
+        opened = reporting(Rig(config, stop=stop, notify=line.note, platform=Outcome.current().platform))
         try:
             record, summary = conduct(
                 opened, register, trials, prepared.request.attempts, writer, stop, teller.listener()
@@ -111,5 +110,5 @@ def _opened(how: SessionOptions) -> Iterator[tuple[LedgerWriter, RunStop, Progre
         line = opened.enter_context(ProgressLine(quiet=how.as_json))
         writer = opened.enter_context(LedgerWriter.open(how.ledger_folder, line.note))
         # Whoever sees the lock held may leave a word, however long it takes until the rig is open.
-        stop.listen_to(Inbox(writer.folder, WallClock()))
+        stop.listen_to(Inbox(writer.folder, Outcome.current().platform.scheduler))
         yield writer, stop, line
