@@ -1,4 +1,4 @@
-"""What is known of the rig while a command runs, so that a failure can tell it too."""
+"""What is known of the rig while a command runs, so that a failure can report it too."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ class Outcome:
         return cls() if outcome is None else outcome
 
     def for_machines(self) -> Mapping[str, Any]:
-        """What a failed command's JSON says beside its error."""
-        told: dict[str, Any] = {}
+        """What a failed command's JSON holds beside its error."""
+        fields: dict[str, Any] = {}
         if self.simulated is not None:
-            told["simulated"] = self.simulated
+            fields["simulated"] = self.simulated
         if self.report is not None:
-            told["safe"] = self.report.safe
-        return told
+            fields["safe"] = self.report.safe
+        return fields

@@ -14,7 +14,7 @@ from evolve.run_folder import SETTINGS, RunFolder
 from evolve.settings import Settings
 from labctl.cli.main import run
 from labctl.design_search.run_search import begin_runs, resume_runs
-from labctl.design_search.search_request import SearchRequest, other_notes, other_program, settings_of
+from labctl.design_search.search_request import SearchRequest, other_notes, other_program, search_settings
 from labctl.errors import BadInput
 from sim.geometry import CENTRED
 from sim.targets.shapes import monkey_saddle, saddle
@@ -93,7 +93,7 @@ def test_no_seed_is_lengthened_while_another_process_works_on_one(tmp_path, seed
     assert generations_of(tmp_path / "a") == [5, 5, 5]
 
 
-def test_seeds_of_different_searches_are_not_gone_on_with(tmp_path, capsys, seeds):
+def test_seeds_of_different_searches_are_not_resumed(tmp_path, capsys, seeds):
     other = replace(seeds[1].problem, targets=seeds[1].problem.targets[::-1])
     begin_runs(tmp_path / "a" / "seed-1", seeds[:1], 1)
     begin_runs(tmp_path / "a" / "seed-2", [replace(seeds[1], problem=other)], 1)
@@ -115,7 +115,7 @@ def test_a_run_is_for_the_valves_and_the_design_it_was_begun_with(seeds):
 
 
 def test_a_run_knows_the_program_that_began_it():
-    settings = settings_of(SearchRequest("saddle"), 1, lambda solver, precision: None)
+    settings = search_settings(SearchRequest("saddle"), 1, lambda solver, precision: None)
     assert other_program(settings) == ""
     noted = {**settings.notes["program"], "moocore": "0.0.1"}
     assert "moocore 0.0.1 there" in other_program(replace(settings, notes={"program": noted}))

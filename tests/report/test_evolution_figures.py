@@ -7,7 +7,7 @@ import pytest
 from evolve.genome import FiberGene
 from labctl.design_search.fiber_list import fiber_list
 from labctl.design_search.layout_shape import LayoutShape
-from labctl.design_search.pick import found_by, picks_of
+from labctl.design_search.pick import all_picks, front_members
 from labctl.report.search.fibers import fiber_figure, number_places_mm
 from labctl.report.search.front import front_figure
 from labctl.report.search.progress import progress_figure
@@ -19,7 +19,7 @@ CHANNELS = range(1, 33)
 
 
 def front_axes(*runs):
-    figure = front_figure(runs, found_by(runs), picks_of(runs))
+    figure = front_figure(runs, front_members(runs), all_picks(runs))
     return figure, [axes for axes in figure.axes if axes.get_xlabel()]
 
 

@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 import made_run
 import pytest
 
-from labctl.design_search.pick import picks_of
+from labctl.design_search.pick import all_picks
 from labctl.errors import BadInput
 from labctl.report.search.page import evolution_page, write_evolution_page
 from labctl.report.search.text import duration, searched_for
@@ -30,12 +30,12 @@ class Seen(HTMLParser):
 
 
 def page_of(*runs):
-    return evolution_page(runs, picks_of(runs))
+    return evolution_page(runs, all_picks(runs))
 
 
 def test_a_page_holds_everything_in_itself(tmp_path):
     runs = [made_run.run((0.0, 10.0), (0.1, 6.0), (1.0, 0.0), notes={"versions": {"labctl": "7.8.9"}})]
-    write_evolution_page(tmp_path / "index.html", runs, picks_of(runs))
+    write_evolution_page(tmp_path / "index.html", runs, all_picks(runs))
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     seen = Seen(page)
 
@@ -94,7 +94,7 @@ def test_runs_of_different_searches_have_no_page(tmp_path):
     runs = [made_run.run((1.0, 4.0)), made_run.run((2.0, 2.0), seed=2, names=("saddle", "other"))]
 
     with pytest.raises(BadInput, match="not seeds of one search"):
-        write_evolution_page(tmp_path / "index.html", runs, picks_of(runs))
+        write_evolution_page(tmp_path / "index.html", runs, all_picks(runs))
     assert not list(tmp_path.iterdir())
 
 
