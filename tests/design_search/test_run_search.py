@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from evolve.checkpoint import write_whole
+from evolve.checkpoint import write_atomically
 from evolve.constraints import Constraints
 from evolve.errors import EvolveError
 from evolve.problem import Physics, Problem
@@ -38,9 +38,9 @@ def test_a_start_that_was_cut_off_is_made_good(tmp_path, monkeypatch, seeds):
         if written:
             raise OSError(28, "No space left on device", str(path))
         written.append(path)
-        write_whole(path, content)
+        write_atomically(path, content)
 
-    monkeypatch.setattr("evolve.run_folder.write_whole", full)
+    monkeypatch.setattr("evolve.run_folder.write_atomically", full)
     with pytest.raises(OSError, match="No space left"):
         begin_runs(tmp_path / "a", seeds, 5)
     monkeypatch.undo()
@@ -54,7 +54,7 @@ def test_a_start_that_was_killed_before_it_wrote_anything_can_be_made_again(tmp_
         path.with_name(f".{path.name}.unfinished").touch()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("evolve.run_folder.write_whole", killed)
+    monkeypatch.setattr("evolve.run_folder.write_atomically", killed)
     with pytest.raises(KeyboardInterrupt):
         begin_runs(tmp_path / "a", seeds, 5)
     monkeypatch.undo()

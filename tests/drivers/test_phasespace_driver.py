@@ -259,7 +259,7 @@ def test_stop_drops_the_frames_not_fetched(started):
 def test_a_frequency_that_was_not_taken_is_asked_for_again_and_then_refused(stream):
     session = GREETING + text(4, "initialized=1 frequency=960")
     link = stream(session, said(7, 3, struct.pack("<f", 480.0)))
-    with pytest.raises(InstrumentRefused, match=r"240 Hz was asked for and the server runs at 480.0 Hz"):
+    with pytest.raises(InstrumentRefused, match=r"240 Hz was requested and the server runs at 480.0 Hz"):
         source(link).identify()
     assert link.heard.endswith(wire.packet(7, 3, struct.pack("<f", 240.0)))
 
@@ -293,7 +293,7 @@ def test_a_stream_that_another_client_ended_says_so(started):
 
 
 def test_a_stream_that_is_not_granted(stream):
-    with pytest.raises(InstrumentRefused, match="streaming 1 was asked for and the server answers 0"):
+    with pytest.raises(InstrumentRefused, match="streaming 1 was requested and the server answers 0"):
         source(stream(SESSION, STOPPED)).start()
 
 

@@ -50,7 +50,7 @@ def test_both_faces_are_drawn_in_the_sheet_frame_seen_from_the_top():
     assert bottom.get_title() == "bottom face, seen through the sheet from the top"
 
 
-def test_jammed_and_unjammed_fibers_are_told_apart_without_colour():
+def test_jammed_and_unjammed_fibers_are_distinct_without_colour():
     figure = fiber_figure(fiber_list(made_run.GENOME, PUBLISHED, CHANNELS), 0, "saddle")
     lines = lines_of(figure.axes[0])
 

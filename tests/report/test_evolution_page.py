@@ -84,7 +84,7 @@ def test_seeds_of_one_search_share_a_page():
     assert "28" in seen.text
 
 
-def test_a_run_that_this_program_does_not_reproduce_is_told_so():
+def test_a_run_that_this_program_does_not_reproduce_is_reported():
     seen = Seen(page_of(made_run.run((1.0,), names=("saddle",))))
 
     assert "but the run found 1.000 mm" in seen.text
@@ -101,15 +101,15 @@ def test_runs_of_different_searches_have_no_page(tmp_path):
 def test_the_head_says_what_is_out_of_the_ordinary():
     run = made_run.run((1.0, 4.0))
     constraints = replace(run.settings.constraints, representation="exclusive", valves=16)
-    told = dict(searched_for([replace(run, settings=replace(run.settings, constraints=constraints))]))
+    facts = dict(searched_for([replace(run, settings=replace(run.settings, constraints=constraints))]))
 
-    assert told["representation"] == "exclusive: each fiber is jammed for one target"
-    assert "16 valves" in told["constraints"]
-    assert told["target 2"] == "monkey (equation)"
+    assert facts["representation"] == "exclusive: each fiber is jammed for one target"
+    assert "16 valves" in facts["constraints"]
+    assert facts["target 2"] == "monkey (equation)"
 
 
 @pytest.mark.parametrize(
-    ("seconds", "told"), [(42.6, "43 s"), (59.7, "1 min 0 s"), (725, "12 min 5 s"), (11_220, "3 h 7 min")]
+    ("seconds", "shown"), [(42.6, "43 s"), (59.7, "1 min 0 s"), (725, "12 min 5 s"), (11_220, "3 h 7 min")]
 )
-def test_durations_are_for_people(seconds, told):
-    assert duration(seconds).replace("\u00a0", " ") == told
+def test_durations_are_for_people(seconds, shown):
+    assert duration(seconds).replace("\u00a0", " ") == shown
