@@ -11,8 +11,8 @@ inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
 
 # Tests on the doubles keep real deadlines and wait most of the time: two streams of them at once, of about the same length
-# (labctl run and report are in the second). Those that compute take what is left of the machine. Each stream tells its
-# whole story when it ends.
+# (labctl run and report are in the second). Those that compute take what is left of the machine. Each stream prints its
+# whole output when it ends.
 test: $(INSTALLED)  ## every check and every test
 	@$(MAKE) --no-print-directory --jobs 2 --output-sync check kernels
 	@$(MAKE) --no-print-directory --jobs 3 test-commands test-rig test-computing
