@@ -24,7 +24,7 @@ PROTOCOLS = {
 
 
 def main() -> int:
-    """Run them all and say how long each took."""
+    """Run them all and print how long each took."""
     arguments = _arguments()
     print(f"Machine: {machine()}. Doubles at speed {arguments.speed:g}.\n")
     heading("protocol", "seconds", "exit code", "verified", "last line")
@@ -38,8 +38,14 @@ def main() -> int:
             total_s += took_s
             verified = _labctl("verify", "last", "--ledger", str(ledger))
             good = good and ran.returncode == 0 and verified.returncode == 0
-            said = (ran.stdout if ran.returncode == 0 else ran.stderr).strip().splitlines()
-            row(name, f"{took_s:.0f}", ran.returncode, verified.returncode == 0, said[-1] if said else "")
+            printed = (ran.stdout if ran.returncode == 0 else ran.stderr).strip().splitlines()
+            row(
+                name,
+                f"{took_s:.0f}",
+                ran.returncode,
+                verified.returncode == 0,
+                printed[-1] if printed else "",
+            )
     print(f"\nAll five: {total_s:.0f} s (limit {arguments.limit:g} s)")
     return 0 if good and total_s <= arguments.limit else 1
 

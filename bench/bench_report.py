@@ -40,6 +40,6 @@ def mean_sd(values: Sequence[float]) -> tuple[float, float | None]:
 
 
 def plus_minus(mean_and_spread: tuple[float, float | None], digits: int) -> str:
-    """A mean and its spread in words; the mean alone where one value has no spread."""
+    """A mean and its spread as text; the mean alone where one value has no spread."""
     mean, spread = mean_and_spread
     return f"{mean:.{digits}f}" + ("" if spread is None else f" +- {spread:.{digits}f}")

@@ -1,7 +1,7 @@
 """Searches on an equal budget: the same targets, constraints, scores and number of layouts, whatever the method.
 
 The budget counts layouts that a method asks for, its first generation included, whether or not they are known
-already; what they take (sheets simulated, seconds) is told beside it.
+already; what they take (sheets simulated, seconds) is reported beside it.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 from bench_report import machine
 
-from evolve.checkpoint import member_to_json, write_whole
+from evolve.checkpoint import member_to_json, write_atomically
 from evolve.constraints import Constraints, Representation
 from evolve.evaluation import Evaluation
 from evolve.front import Front
@@ -41,18 +41,18 @@ _LIBRARIES = ("moocore", "numba", "numpy", "pymoo", "scipy")
 
 
 class Searcher(Protocol):
-    """A method: it asks for layouts and is told their errors, in the same order."""
+    """A method with an ask/tell interface: it gives layouts and takes their errors, in the same order."""
 
     def ask(self) -> Sequence[Genome]:
         """The layouts of the next generation."""
         ...
 
     def tell(self, errors_m: Sequence[tuple[float, ...] | None]) -> Sequence[Member]:
-        """Their errors in metres, None for a failure; returns all who were told."""
+        """Take their errors in metres, None for a failure; returns all evaluated."""
         ...
 
 
-# (those who were told, the front with them), after each generation.
+# (those evaluated, the front with them), after each generation.
 Watch = Callable[[Sequence[Member], Front], None]
 
 
@@ -105,8 +105,8 @@ class Run:
 
     def after(self, share: float) -> Point:
         """The first point with at least this share of the layouts asked for."""
-        wanted = share * self.curve[-1].layouts
-        return next(point for point in self.curve if point.layouts >= wanted)
+        layouts = share * self.curve[-1].layouts
+        return next(point for point in self.curve if point.layouts >= layouts)
 
     def to_json(self) -> dict[str, Any]:
         """What JSON can hold."""
@@ -126,7 +126,7 @@ def run(
     problem: Problem,
     pool: Pool,
     layouts: int,
-    watch: Watch = lambda told, front: None,
+    watch: Watch = lambda evaluated, front: None,
 ) -> Run:
     """Run a method until it has asked for so many layouts.
 
@@ -138,9 +138,9 @@ def run(
     counts, reference_m, front = evaluation.counts, problem.reference_m(), Front()
     curve: list[Point] = []
     while counts.layouts < layouts:
-        told = searcher.tell(evaluation.errors_m(searcher.ask()))
-        front = front.with_(told)
-        watch(told, front)
+        evaluated = searcher.tell(evaluation.errors_m(searcher.ask()))
+        front = front.with_(evaluated)
+        watch(evaluated, front)
         best = smallest_sum(front)
         curve.append(
             Point(
@@ -241,11 +241,11 @@ def write_figures(path: Path | None, budget: Budget, figures: Mapping[str, Any])
     versions = {name: version(name) for name in _LIBRARIES}
     about = {"machine": machine(), "versions": versions, "budget": asdict(budget)}
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, (json.dumps(about | dict(figures), indent=1) + "\n").encode())
+    write_atomically(path, (json.dumps(about | dict(figures), indent=1) + "\n").encode())
 
 
 def describe(budget: Budget) -> str:
-    """The budget in words."""
+    """The budget as text."""
     return (
         f"Targets {' and '.join(PATTERNS)} of the known design, representation {budget.representation}, "
         f"{budget.population} x {budget.generations} = {budget.layouts} layouts a run, "

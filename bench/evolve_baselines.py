@@ -49,7 +49,7 @@ class RandomSearch:
         self._size, self._limits = population, limits
         self._rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_RANDOM_SEARCH_STREAM,)))
         self._asked: list[Genome] = []
-        self._told = 0
+        self._evaluated = 0
 
     def ask(self) -> list[Genome]:
         """As many layouts as a generation has."""
@@ -57,13 +57,13 @@ class RandomSearch:
         return self._asked
 
     def tell(self, errors_m: Sequence[Errors]) -> list[Member]:
-        """Their errors, from which nothing is learnt; returns all who were told."""
-        told = [
-            Member(self._told + n, genome, 0, errors, "random")
+        """Take their errors, from which nothing is learnt; returns all evaluated."""
+        members = [
+            Member(self._evaluated + n, genome, 0, errors, "random")
             for n, (genome, errors) in enumerate(zip(self._asked, errors_m, strict=True))
         ]
-        self._told += len(told)
-        return told
+        self._evaluated += len(members)
+        return members
 
 
 def searchers(problem: Problem, budget: Budget) -> Mapping[str, Callable[[int], Searcher]]:
@@ -168,8 +168,8 @@ def print_summary(runs: Sequence[Run]) -> None:
 
 
 def _figures(runs: Sequence[Run], finished: bool) -> dict[str, Any]:
-    told: dict[str, Any] = {"runs": [each.to_json() for each in runs]}
-    return told | ({"summary": summary(runs)} if finished else {})
+    figures: dict[str, Any] = {"runs": [each.to_json() for each in runs]}
+    return figures | ({"summary": summary(runs)} if finished else {})
 
 
 def main() -> None:

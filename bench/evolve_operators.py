@@ -45,13 +45,13 @@ class Tally:
     survived: Counter[str] = field(default_factory=Counter)
     on_front: Counter[str] = field(default_factory=Counter)
 
-    def watch(self, told: Sequence[Member], front: Front) -> None:
+    def watch(self, evaluated: Sequence[Member], front: Front) -> None:
         """Count a generation, after its selection."""
         if self.engine.generation == 0:
             return
         alive = {member.id for member in self.engine.population}
         best = {member.id for member in front.members}
-        for member in told:
+        for member in evaluated:
             self.children[member.made_by] += 1
             self.survived[member.made_by] += member.id in alive
             self.on_front[member.made_by] += member.id in best
@@ -153,9 +153,9 @@ def print_shares(done: Sequence[Trial]) -> None:
 
 
 def _figures(done: Sequence[Trial], finished: bool) -> dict[str, Any]:
-    told: dict[str, Any] = {"rates": {name: dict(rates) for name, rates in variants().items()}}
-    told["runs"] = [trial.to_json() for trial in done]
-    return told | ({"effects": effects(done), "shares": shares(done)} if finished else {})
+    figures: dict[str, Any] = {"rates": {name: dict(rates) for name, rates in variants().items()}}
+    figures["runs"] = [trial.to_json() for trial in done]
+    return figures | ({"effects": effects(done), "shares": shares(done)} if finished else {})
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 """How fast a search is: the engine's overhead, one worker against several, a checkpoint (make bench-evolve).
 
 One and several workers take turns on the very same generations, so that whatever slows the machine slows both.
-Each turn goes on from the same checkpoint and knows no sheet from before.
+Each turn continues from the same checkpoint and knows no sheet from before.
 """
 
 import argparse
@@ -61,9 +61,9 @@ def turn(settings: Settings, pool: Pool, begun: Checkpoint, generations: int, pa
         save_checkpoint(path, checkpoint, settings.digest)
         saving_s += time.perf_counter() - started_s
 
-    wanted = begun.state.generation + 1 + generations
+    total = begun.state.generation + 1 + generations
     began_s = time.perf_counter()
-    *_, last = search(settings, wanted, pool, keep, time.perf_counter, begun=begun)
+    *_, last = search(settings, total, pool, keep, time.perf_counter, begun=begun)
     seconds = time.perf_counter() - began_s
     before, after = begun.records[-1].counts, last.records[-1].counts
     simulating_s = after.simulating_s - before.simulating_s

@@ -8,14 +8,14 @@ from equal_budget import Run
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 
-# Okabe and Ito's: told apart by people who see red and green alike.
+# Okabe and Ito's: distinct also with red-green colour blindness.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9")
 
 
 def write_plot(path: Path, runs: Mapping[str, Sequence[Run]], below: str) -> None:
     """Draw each method's mean with a band of one standard deviation, and its runs as thin lines.
 
-    `below` is told under the picture; the format follows from the path's ending.
+    `below` is written under the picture; the format follows from the path's ending.
     """
     figure = Figure(figsize=(9.0, 5.6), layout="constrained")
     axes = figure.add_subplot()

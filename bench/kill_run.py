@@ -4,7 +4,7 @@ Doubles run in a process of their own, so they outlive each kill as real instrum
 begun, killed, gone on with (`--continue`), killed again, and so on; after a finished run comes a new one. After each
 kill:
 
-- every trial that the killed process had told on standard output must be in the ledger (lost: must be 0);
+- every trial that the killed process had printed on standard output must be in the ledger (lost: must be 0);
 - the ledger must open, in SQLite's own judgement too (unreadable: must be 0);
 - by the doubles' trace the rig must come to SAFE (unsafe: must be 0; and how long it took);
 - of the work of that process at most one trial may be without a record (repeated: must be at most 1).
@@ -42,7 +42,7 @@ class Tally:
 
     kills: int = 0
     finished_before: int = 0
-    told: int = 0
+    printed: int = 0
     lost: list[str] = field(default_factory=list)
     unreadable: list[str] = field(default_factory=list)
     unsafe: list[str] = field(default_factory=list)
@@ -77,7 +77,7 @@ class Place:
 
 
 def main() -> int:
-    """Run the kills and say what came of them; 0 when nothing was lost."""
+    """Run the kills and print what came of them; 0 when nothing was lost."""
     arguments = _arguments()
     seed = random.SystemRandom().randrange(2**32) if arguments.seed is None else arguments.seed
     print(f"seed {seed}, {arguments.kills} kills, doubles at speed {arguments.speed:g}", flush=True)
@@ -90,12 +90,12 @@ def main() -> int:
             while tally.kills < arguments.kills:
                 _one_life(place, moments.uniform(0.0, LONGEST_LIFE_S), tally)
                 if tally.kills % 10 == 0:
-                    _say(tally)
+                    _print_tally(tally)
             verified = _finish_and_verify(place)
         finally:
             doubles.terminate()
             doubles.wait(20)
-        _say(tally)
+        _print_tally(tally)
         unfinished = _unfinished(place)
     print("killed during: " + "; ".join(f"{step} {count}" for step, count in sorted(tally.during.items())))
     print(f"unfinished at the end: {unfinished or 'none'}")
@@ -108,7 +108,7 @@ def main() -> int:
 
 
 def _one_life(place: Place, life_s: float, tally: Tally) -> None:
-    """Begin a run or go on with the last one, and kill it after `life_s`."""
+    """Begin a run or continue the last one, and kill it after `life_s`."""
     unfinished = _unfinished(place)
     which = ["--continue", str(unfinished[-1])] if unfinished else ["five-trial", "--pattern", "sphere"]
     before = _begun(place)
@@ -144,11 +144,11 @@ def _last_step(err: str) -> str:
 
 
 def _check_ledger(place: Place, out: str, begun_before: int, tally: Tally) -> None:
-    told = _TRIAL.findall(out)
-    tally.told += len(told)
+    printed = _TRIAL.findall(out)
+    tally.printed += len(printed)
     if not (place.ledger / "ledger.sqlite").exists():
-        if told:
-            tally.lost.append("a trial was told and there is no ledger")
+        if printed:
+            tally.lost.append("a trial was printed and there is no ledger")
         return
     try:
         with sqlite3.connect(place.ledger / "ledger.sqlite") as database:
@@ -164,17 +164,17 @@ def _check_ledger(place: Place, out: str, begun_before: int, tally: Tally) -> No
         tally.unreadable.append(f"kill {tally.kills}: {error!r}")
         return
     number = _RUN.search(out)
-    for trial, words in told:
+    for trial, outcome in printed:
         same = [
             record
             for record in records
             if number
             and record.run == int(number[1])
             and record.number == int(trial)
-            and (record.outcome == "good") == ("e_t" in words)
+            and (record.outcome == "good") == ("e_t" in outcome)
         ]
         if not same:
-            tally.lost.append(f"kill {tally.kills}: trial {trial} ({words})")
+            tally.lost.append(f"kill {tally.kills}: trial {trial} ({outcome})")
     recorded_now = len(records) - tally.recorded
     tally.recorded = len(records)
     tally.most_repeated = max(tally.most_repeated, begun - begun_before - recorded_now)
@@ -270,12 +270,12 @@ def _serve(place: Place) -> subprocess.Popen[str]:
     return process
 
 
-def _say(tally: Tally) -> None:
+def _print_tally(tally: Tally) -> None:
     slowest = max(tally.safe_after_s, default=0.0)
     print(
-        f"{tally.kills} kills: {tally.told} trials told, {len(tally.lost)} lost, {len(tally.unreadable)} ledgers "
-        f"unreadable, {len(tally.unsafe)} times not SAFE (slowest {slowest:.1f} s), at most {tally.most_repeated} "
-        f"trial repeated, {tally.finished_before} runs came to their end first, "
+        f"{tally.kills} kills: {tally.printed} trials printed, {len(tally.lost)} lost, {len(tally.unreadable)} "
+        f"ledgers unreadable, {len(tally.unsafe)} times not SAFE (slowest {slowest:.1f} s), at most "
+        f"{tally.most_repeated} trial repeated, {tally.finished_before} runs came to their end first, "
         f"{len(tally.ended_by_themselves)} ended by themselves",
         flush=True,
     )

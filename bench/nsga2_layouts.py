@@ -44,7 +44,7 @@ def as_variables(genomes: Sequence[Genome]) -> NDArray[np.object_]:
 
 
 class RandomLayouts(Sampling):
-    """The first generation: random layouts, no two alike."""
+    """The first generation: random layouts, no two equal."""
 
     def __init__(self, constraints: Constraints) -> None:
         super().__init__()
@@ -88,7 +88,7 @@ class OneOperator(Crossover):
 
 
 class SameLayout(DuplicateElimination):
-    """Layouts are alike if their fibers are, in whatever order."""
+    """Layouts are equal if their fibers are, in whatever order."""
 
     def _do(
         self, pop: Population, other: Population | None, is_duplicate: NDArray[np.bool_]
@@ -103,7 +103,7 @@ class SameLayout(DuplicateElimination):
 
 
 class Nsga2:
-    """NSGA-II as pymoo has it, asked and told like the evolution's own engine.
+    """NSGA-II as pymoo has it, with the ask/tell interface of the search's own engine.
 
     Raises:
         RuntimeError: pymoo finds fewer new layouts than a generation has.
@@ -123,27 +123,27 @@ class Nsga2:
         )
         # The budget ends a run: pymoo's own criteria compare variables as numbers.
         self._algorithm.setup(self._problem, termination=NoTermination(), seed=seed)
-        self._asked = Population()
-        self._told = 0
+        self._waiting = Population()
+        self._evaluated = 0
 
     def ask(self) -> list[Genome]:
-        """The genomes of the next generation, to be told in the same order."""
-        self._asked = self._algorithm.ask()
-        if self._asked is None or len(self._asked) < self._size:
+        """The genomes of the next generation; their errors go to `tell` in the same order."""
+        self._waiting = self._algorithm.ask()
+        if self._waiting is None or len(self._waiting) < self._size:
             raise RuntimeError(
                 f"NSGA-II found fewer than {self._size} new layouts: allow more fibers, or a smaller population"
             )
-        return [individual.X[0] for individual in self._asked]
+        return [individual.X[0] for individual in self._waiting]
 
     def tell(self, errors_m: Sequence[Errors]) -> list[Member]:
-        """The errors of the genomes asked for; returns all who were told."""
+        """Take the errors of the genomes of `ask`; returns all evaluated."""
         penalty_m = (PENALTY_M,) * self._problem.n_obj
         objectives_m = np.array([penalty_m if errors is None else errors for errors in errors_m])
-        Evaluator().eval(StaticProblem(self._problem, F=objectives_m), self._asked)
-        told = [
-            Member(self._told + n, individual.X[0], 0, errors, "nsga2")
-            for n, (individual, errors) in enumerate(zip(self._asked, errors_m, strict=True))
+        Evaluator().eval(StaticProblem(self._problem, F=objectives_m), self._waiting)
+        evaluated = [
+            Member(self._evaluated + n, individual.X[0], 0, errors, "nsga2")
+            for n, (individual, errors) in enumerate(zip(self._waiting, errors_m, strict=True))
         ]
-        self._told += len(told)
-        self._algorithm.tell(infills=self._asked)
-        return told
+        self._evaluated += len(evaluated)
+        self._algorithm.tell(infills=self._waiting)
+        return evaluated

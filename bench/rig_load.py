@@ -116,7 +116,7 @@ class Counter:
         self._take_frames = recorder.take_frames
 
     def take_frames(self, frames: MarkerFrames) -> None:
-        """Count and hand on."""
+        """Count and forward."""
         self.frames += len(frames)
         self._take_frames(frames)
 
@@ -155,8 +155,8 @@ def sleeping() -> Iterator[list[float]]:
     try:
         yield late_ms
     finally:
-        said, _ = process.communicate(timeout=30)
-        late_ms += [1e3 * float(word) for word in said.split()]
+        printed, _ = process.communicate(timeout=30)
+        late_ms += [1e3 * float(word) for word in printed.split()]
 
 
 def record(config: RigConfig, seconds: float, folder: Path) -> Load:

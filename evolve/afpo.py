@@ -1,4 +1,4 @@
-"""Age-Fitness Pareto Optimization, to be asked for genomes and told their errors."""
+"""Age-Fitness Pareto Optimization with an ask/tell interface: it gives genomes and takes their errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -61,55 +61,57 @@ class Afpo:
         self.generation = -1
         self.population: list[Member] = []
         self._next_id = 0
-        self._asked: list[Member] = []
+        self._waiting: list[Member] = []
         streams = np.random.SeedSequence(seed).spawn(2)
         self._variation_rng, self._selection_rng = map(np.random.default_rng, streams)
 
     def ask(self) -> list[Genome]:
-        """The genomes of the next generation, to be told in the same order.
+        """The genomes of the next generation; their errors go to `tell` in the same order.
 
         Raises:
-            EvolveError: the last ones were not told, or no random layout meets the constraints.
+            EvolveError: the last ones have no errors yet, or no random layout meets the constraints.
         """
-        if self._asked:
+        if self._waiting:
             raise EvolveError(
-                f"{len(self._asked)} genomes are waiting: tell their errors before asking again"
+                f"{len(self._waiting)} genomes are waiting: give their errors to tell() before the next ask()"
             )
         if self.population:
             self.population = [replace(member, age=member.age + 1) for member in self.population]
-            self._asked = [self._child() for _ in range(self.size - 1)] + [self._newcomer()]
+            self._waiting = [self._child() for _ in range(self.size - 1)] + [self._newcomer()]
         else:
-            self._asked = [self._newcomer() for _ in range(self.size)]
-        return [member.genome for member in self._asked]
+            self._waiting = [self._newcomer() for _ in range(self.size)]
+        return [member.genome for member in self._waiting]
 
     def tell(self, errors_m: Sequence[Errors]) -> list[Member]:
-        """The errors of the genomes asked for; the survivors are the new population. Returns all who were told.
+        """Take the errors of the genomes of `ask`; the survivors are the new population. Returns all evaluated.
 
         Raises:
-            EvolveError: not as many as were asked for, or an error that is not finite: tell None for a failure.
+            EvolveError: not one for each genome, or an error that is not finite: None stands for a failure.
         """
-        if len(errors_m) != len(self._asked) or not self._asked:
-            raise EvolveError(f"{len(errors_m)} results for {len(self._asked)} genomes: tell one for each")
+        if len(errors_m) != len(self._waiting) or not self._waiting:
+            raise EvolveError(f"{len(errors_m)} results for {len(self._waiting)} genomes: give one for each")
         for errors in errors_m:
             if errors is not None and not np.isfinite(errors).all():
-                raise EvolveError(f"the errors {errors} are not finite: tell None for a sheet that failed")
-        told = [
-            replace(member, errors_m=errors) for member, errors in zip(self._asked, errors_m, strict=True)
+                raise EvolveError(f"the errors {errors} are not finite: give None for a sheet that failed")
+        evaluated = [
+            replace(member, errors_m=errors) for member, errors in zip(self._waiting, errors_m, strict=True)
         ]
-        self._asked = []
+        self._waiting = []
         self.generation += 1
-        self.population = survivors(self.population + told, self.size, self.crowding, self._selection_rng)
-        return told
+        self.population = survivors(
+            self.population + evaluated, self.size, self.crowding, self._selection_rng
+        )
+        return evaluated
 
     @property
     def state(self) -> AfpoState:
         """What to keep between two generations.
 
         Raises:
-            EvolveError: genomes are waiting to be told.
+            EvolveError: genomes are waiting for their errors.
         """
-        if self._asked:
-            raise EvolveError(f"{len(self._asked)} genomes are waiting: tell their errors first")
+        if self._waiting:
+            raise EvolveError(f"{len(self._waiting)} genomes are waiting: give their errors to tell() first")
         return AfpoState(
             self.generation,
             self._next_id,
@@ -125,7 +127,7 @@ class Afpo:
         self.population = list(state.population)
         self._variation_rng.bit_generator.state = state.variation_rng
         self._selection_rng.bit_generator.state = state.selection_rng
-        self._asked = []
+        self._waiting = []
 
     def _child(self) -> Member:
         rng = self._variation_rng

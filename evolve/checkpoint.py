@@ -48,7 +48,7 @@ class Checkpoint:
 
 
 def save_checkpoint(path: Path, checkpoint: Checkpoint, run: str) -> None:
-    """Write a checkpoint of the run of that digest; it is on the disk when this returns, or an OSError tells why."""
+    """Write a checkpoint of the run of that digest; it is on the disk when this returns, or an OSError is raised."""
     body = {
         "state": _state_to_json(checkpoint.state),
         "front": [member_to_json(member) for member in checkpoint.front.members],
@@ -56,7 +56,7 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint, run: str) -> None:
         "random_m": checkpoint.random_m,
     }
     head = {"format": FORMAT, "version": VERSION, "run": run, "sha256": _digest(body)}
-    write_whole(path, json.dumps(head | {"body": body}).encode())
+    write_atomically(path, json.dumps(head | {"body": body}).encode())
 
 
 def load_checkpoint(path: Path, run: str) -> Checkpoint:
@@ -67,7 +67,7 @@ def load_checkpoint(path: Path, run: str) -> Checkpoint:
     """
     refused = f"{path}: nothing was overwritten; "
     try:
-        told = json.loads(path.read_bytes())
+        data = json.loads(path.read_bytes())
     except OSError as error:
         raise EvolveError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:
@@ -75,25 +75,25 @@ def load_checkpoint(path: Path, run: str) -> Checkpoint:
             f"{refused}the checkpoint is cut short or damaged ({error}): put back a whole one, or begin anew in "
             "another folder"
         ) from error
-    if not isinstance(told, dict) or told.get("format") != FORMAT:
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise EvolveError(f"{refused}this is not a checkpoint of a search: name the folder of a run")
-    if told.get("version") != VERSION:
+    if data.get("version") != VERSION:
         raise EvolveError(
-            f"{refused}the checkpoint is of version {told.get('version')}, this program reads version {VERSION}: "
+            f"{refused}the checkpoint is of version {data.get('version')}, this program reads version {VERSION}: "
             "resume it with the program that wrote it"
         )
-    if told.get("run") != run:
+    if data.get("run") != run:
         raise EvolveError(
             f"{refused}the checkpoint belongs to a run with other settings than run.json beside it: put the two "
             "that belong together into one folder"
         )
-    if told.get("sha256") != _digest(told.get("body")):
+    if data.get("sha256") != _digest(data.get("body")):
         raise EvolveError(
             f"{refused}the checkpoint was changed after it was written: its checksum does not fit; put back a "
             "whole one, or begin anew in another folder"
         )
     try:
-        return _checkpoint(told["body"])
+        return _checkpoint(data["body"])
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise EvolveError(
             f"{refused}the checkpoint is not what this program writes ({type(error).__name__}: {error}): put back a "
@@ -112,7 +112,7 @@ def member_to_json(member: Member) -> dict[str, Any]:
     }
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """Replace a file by new content, whole or not at all, also where the power goes.
 
     Raises:
@@ -167,7 +167,7 @@ def _checkpoint(body: Mapping[str, Any]) -> Checkpoint:
     )
 
 
-def _members(told: Sequence[Mapping[str, Any]]) -> tuple[Member, ...]:
+def _members(data: Sequence[Mapping[str, Any]]) -> tuple[Member, ...]:
     return tuple(
         Member(
             member["id"],
@@ -176,7 +176,7 @@ def _members(told: Sequence[Mapping[str, Any]]) -> tuple[Member, ...]:
             None if member["errors_m"] is None else tuple(member["errors_m"]),
             member["made_by"],
         )
-        for member in told
+        for member in data
     )
 
 
@@ -187,14 +187,14 @@ def _genome(fibers: Sequence[Any]) -> Genome:
     )
 
 
-def _record(told: Mapping[str, Any]) -> GenerationRecord:
+def _record(data: Mapping[str, Any]) -> GenerationRecord:
     return GenerationRecord(
-        told["generation"],
-        tuple(told["best_m"]),
-        tuple(told["mean_m"]),
-        tuple(told["sd_m"]),
-        told["front"],
-        told["hypervolume"],
-        Counts(**told["counts"]),
-        told["seconds"],
+        data["generation"],
+        tuple(data["best_m"]),
+        tuple(data["mean_m"]),
+        tuple(data["sd_m"]),
+        data["front"],
+        data["hypervolume"],
+        Counts(**data["counts"]),
+        data["seconds"],
     )

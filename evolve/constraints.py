@@ -15,11 +15,11 @@ Representation = Literal["shared", "exclusive"]
 
 @dataclass(frozen=True)
 class Violation:
-    """A constraint that a genome does not meet: its name, the fibers to blame by place in the genome, and words."""
+    """A constraint that a genome does not meet: its name, the fibers to blame by place in the genome, a message."""
 
     constraint: str
     fibers: tuple[int, ...]
-    words: str
+    message: str
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Constraints:
     Source of the defaults: Parsa et al., RoboSoft 2023, section II.B.3.
 
     Raises:
-        EvolveError: no layout can meet them all; says which contradict.
+        EvolveError: no layout can meet them all; names those that contradict.
     """
 
     geometry: Geometry
@@ -105,25 +105,25 @@ class Constraints:
             cell = next(cell for cell in fiber.cells if cell not in on_sheet)
             yield Violation("inside the disc", (n,), f"fiber {n} runs over {cell}, off the sheet")
         if fiber.length_m < self.min_length_m - ROUNDING_M:
-            words = f"fiber {n} is {1e3 * fiber.length_m:.1f} mm long, shorter than {1e3 * self.min_length_m:g} mm"
-            yield Violation("shortest fiber", (n,), words)
+            message = f"fiber {n} is {1e3 * fiber.length_m:.1f} mm long, shorter than {1e3 * self.min_length_m:g} mm"
+            yield Violation("shortest fiber", (n,), message)
         serves = sorted(fiber.patterns)
         if not serves or serves[0] < 0 or serves[-1] >= self.patterns:
-            words = f"fiber {n} is jammed in patterns {serves}: use some of 0 to {self.patterns - 1}"
-            yield Violation("jamming", (n,), words)
+            message = f"fiber {n} is jammed in patterns {serves}: use some of 0 to {self.patterns - 1}"
+            yield Violation("jamming", (n,), message)
         elif self.representation == "exclusive" and len(serves) > 1:
-            words = f"fiber {n} is jammed in {len(serves)} patterns, but each fiber serves one"
-            yield Violation("jamming", (n,), words)
+            message = f"fiber {n} is jammed in {len(serves)} patterns, but each fiber serves one"
+            yield Violation("jamming", (n,), message)
 
     def _of_counts(self, genome: Genome) -> Iterator[Violation]:
         for face in FACES:
             there = tuple(n for n, fiber in enumerate(genome) if fiber.face == face)
             if len(there) > self.fibers_per_face:
-                words = f"the {face} face has {len(there)} fibers, more than {self.fibers_per_face}"
-                yield Violation("fibers per face", there, words)
+                message = f"the {face} face has {len(there)} fibers, more than {self.fibers_per_face}"
+                yield Violation("fibers per face", there, message)
         if self.valves is not None and len(genome) > self.valves:
-            words = f"{len(genome)} fibers, each with a valve, are more than the rig's {self.valves} valves"
-            yield Violation("valves", tuple(range(len(genome))), words)
+            message = f"{len(genome)} fibers, each with a valve, are more than the rig's {self.valves} valves"
+            yield Violation("valves", tuple(range(len(genome))), message)
         for pattern in range(self.patterns):
             if not any(pattern in fiber.patterns for fiber in genome):
                 yield Violation("every pattern", (), f"no fiber is jammed in pattern {pattern}")
@@ -146,8 +146,8 @@ class Constraints:
             for cell in crowded.intersection(cells):
                 over[cell].append(n)
         cell, fibers = max(sorted(over.items()), key=lambda item: len(item[1]))
-        words = (
+        message = (
             f"fibers {', '.join(map(str, fibers))} of the {face} face lie over cell {cell}, more than "
             f"{self.fibers_over_a_cell}"
         )
-        return Violation("fibers over a cell", tuple(fibers), words)
+        return Violation("fibers over a cell", tuple(fibers), message)

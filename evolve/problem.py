@@ -117,7 +117,7 @@ class Problem:
     def _map(self, genome: Genome, pattern: int) -> VoxelMap:
         laid = [LaidFiber(fiber.face, fiber.cells, pattern in fiber.patterns) for fiber in genome]
         material, elements = lay_fibers(laid, self.physics.geometry, self.physics.fibers_as)
-        # Sorted, because the order of the genes says nothing about the sheet.
+        # Sorted, because the order of the genes means nothing for the sheet.
         rows = sorted(elements_as_array(elements).tolist())
         return VoxelMap(material.tobytes(), np.array(rows, np.int64).tobytes())
 

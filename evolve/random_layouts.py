@@ -23,7 +23,7 @@ def random_genome(constraints: Constraints, rng: np.random.Generator) -> Genome:
     The number of fibers of each face is uniform from 0 (but one in all), so are ends and jamming.
 
     Raises:
-        EvolveError: in 300 layouts none met the constraints; says which one stood in the way most often.
+        EvolveError: in 300 layouts none met the constraints; names the one that was violated most often.
     """
     in_the_way: Counter[str] = Counter()
     for draw in range(_DRAWS_A_LAYOUT):
@@ -70,11 +70,11 @@ def _random_ends(constraints: Constraints, rng: np.random.Generator) -> tuple[Gr
 
 
 def _draw(constraints: Constraints, rng: np.random.Generator) -> Genome:
-    wanted = {face: int(rng.integers(constraints.fibers_per_face + 1)) for face in FACES}
-    if not any(wanted.values()):
-        wanted[FACES[rng.integers(len(FACES))]] = 1
+    counts = {face: int(rng.integers(constraints.fibers_per_face + 1)) for face in FACES}
+    if not any(counts.values()):
+        counts[FACES[rng.integers(len(FACES))]] = 1
     genome: Genome = ()
-    for face, count in wanted.items():
+    for face, count in counts.items():
         for _ in range(count):
             genome = _with_one_more(genome, face, constraints, rng)
     return genome

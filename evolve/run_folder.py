@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from evolve.checkpoint import Checkpoint, load_checkpoint, member_to_json, save_checkpoint, write_whole
+from evolve.checkpoint import Checkpoint, load_checkpoint, member_to_json, save_checkpoint, write_atomically
 from evolve.errors import EvolveError
 from evolve.settings import Settings, settings_from_json, settings_to_json
 
@@ -71,7 +71,7 @@ class RunFolder:
         """
         if self.begun:
             raise EvolveError(
-                f"{self.path}: holds another run: go on with it by --resume, or name another folder"
+                f"{self.path}: holds another run: continue it with --resume, or name another folder"
             )
         if not self.path.is_dir():
             return
@@ -89,22 +89,22 @@ class RunFolder:
         """
         path = self.path / SETTINGS
         try:
-            told = json.loads(path.read_bytes())
+            data = json.loads(path.read_bytes())
         except FileNotFoundError as error:
             raise EvolveError(f"{self.path}: holds no run (no {SETTINGS}): name the folder of one") from error
         except OSError as error:
             raise EvolveError(f"{path}: cannot be read: {error.strerror or error}") from error
         except (ValueError, RecursionError) as error:
             raise EvolveError(f"{path}: is cut short or damaged ({error}): put back a whole one") from error
-        if not isinstance(told, dict) or told.get("format") != FORMAT or told.get("version") != VERSION:
+        if not isinstance(data, dict) or data.get("format") != FORMAT or data.get("version") != VERSION:
             raise EvolveError(
                 f"{path}: is not the settings of a run that this program (version {VERSION}) reads"
             )
-        generations = told.get("generations")
+        generations = data.get("generations")
         if type(generations) is not int or generations < 1:
             raise EvolveError(f"{path}: generations is {generations!r}: write a whole number from 1")
         try:
-            return settings_from_json(told.get("settings") or {}), generations
+            return settings_from_json(data.get("settings") or {}), generations
         except EvolveError as error:
             raise EvolveError(f"{path}: {error}") from error
 
@@ -141,17 +141,17 @@ class RunFolder:
         Raises:
             OSError: it could not be written.
         """
-        told = {
+        data = {
             "generation": checkpoint.state.generation,
             "population": [member_to_json(member) for member in checkpoint.state.population],
             "front": [member_to_json(member) for member in checkpoint.front.members],
         }
-        write_whole(self.path / POPULATION, (json.dumps(told, indent=1) + "\n").encode())
+        write_atomically(self.path / POPULATION, (json.dumps(data, indent=1) + "\n").encode())
 
     def _write(self, settings: Settings, generations: int) -> None:
         head = {"format": FORMAT, "version": VERSION, "generations": generations}
-        told = head | {"settings": settings_to_json(settings)}
-        write_whole(self.path / SETTINGS, (json.dumps(told, indent=1) + "\n").encode())
+        data = head | {"settings": settings_to_json(settings)}
+        write_atomically(self.path / SETTINGS, (json.dumps(data, indent=1) + "\n").encode())
 
 
 def _left_by_a_start(entry: Path) -> bool:

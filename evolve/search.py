@@ -33,7 +33,7 @@ def search(
 ) -> Iterator[Checkpoint]:
     """Search through so many generations, the first random one included; yields each checkpoint after `keep` has it.
 
-    With `begun`, goes on from there: population, front and generators are those of a search that was never
+    With `begun`, continues from there: population, front and generators are those of a search that was never
     interrupted, bit for bit, whatever the pool; only times and counts of sheets may differ.
 
     Raises:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from evolve.genome import Genome
 
 Crowding = Literal["contribution", "twins"]
-# What "near" means is not published: alike in every error to a tenth of a millimetre.
+# What "near" means is not published: here, every error equal to a tenth of a millimetre.
 _TWINS_M = 1e-4
 
 

@@ -55,9 +55,9 @@ class Settings:
     @property
     def digest(self) -> str:
         """Names the settings: runs with equal ones are equal, bit for bit."""
-        told = settings_to_json(self)
-        del told["notes"]
-        return sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+        data = settings_to_json(self)
+        del data["notes"]
+        return sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
 def settings_to_json(settings: Settings) -> dict[str, Any]:
@@ -77,31 +77,31 @@ def settings_to_json(settings: Settings) -> dict[str, Any]:
     }
 
 
-def settings_from_json(told: Mapping[str, Any]) -> Settings:
+def settings_from_json(data: Mapping[str, Any]) -> Settings:
     """The settings that `settings_to_json` wrote.
 
     Raises:
         EvolveError: they are not such.
     """
     try:
-        physics, constraints = dict(told["physics"]), dict(told["constraints"])
+        physics, constraints = dict(data["physics"]), dict(data["constraints"])
         physics["geometry"] = geometry(physics["geometry"])
         physics["materials"] = _typed(Materials, physics["materials"])
         constraints["geometry"] = geometry(constraints["geometry"])
-        targets = tuple(_target_from_json(target) for target in told["targets"])
+        targets = tuple(_target_from_json(target) for target in data["targets"])
         return Settings(
             Problem(
                 _typed(Physics, physics),
                 targets,
-                _typed(Surface, told["surface"]),
-                _typed(Scoring, told["scoring"]),
+                _typed(Surface, data["surface"]),
+                _typed(Scoring, data["scoring"]),
             ),
             _typed(Constraints, constraints),
-            _typed(int, told["seed"]),
-            _typed(int, told["population"]),
-            _typed(Crowding, told["crowding"]),
-            Variation(_typed(dict[str, float], told["rates"])),
-            _typed(dict[str, Any], told["notes"]),
+            _typed(int, data["seed"]),
+            _typed(int, data["population"]),
+            _typed(Crowding, data["crowding"]),
+            Variation(_typed(dict[str, float], data["rates"])),
+            _typed(dict[str, Any], data["notes"]),
         )
     except ValidationError as error:
         first = error.errors()[0]
@@ -121,7 +121,7 @@ def differences(one: Settings, other: Settings) -> list[str]:
         if name == "notes" or ours[name] == theirs[name]:
             continue
         if name == "targets":
-            names = [", ".join(target["name"] for target in told[name]) for told in (ours, theirs)]
+            names = [", ".join(target["name"] for target in data[name]) for data in (ours, theirs)]
             found.append(f"targets ({names[0]} / {names[1]})")
         elif isinstance(ours[name], dict):
             keys = sorted(
@@ -150,8 +150,8 @@ def _target_to_json(target: Target) -> dict[str, Any]:
     }
 
 
-def _target_from_json(told: Mapping[str, Any]) -> Target:
+def _target_from_json(data: Mapping[str, Any]) -> Target:
     heights_m = np.array(
-        [[np.nan if h is None else h for h in row] for row in told["heights_m"]], dtype=np.float64
+        [[np.nan if h is None else h for h in row] for row in data["heights_m"]], dtype=np.float64
     )
-    return Target(told["name"], told["source"], geometry(told["geometry"]), heights_m)
+    return Target(data["name"], data["source"], geometry(data["geometry"]), heights_m)

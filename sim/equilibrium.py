@@ -166,7 +166,7 @@ def settle(
 
 @inlined
 def damping(planes: Planes, relaxation: Relaxation) -> float:
-    """Take the new loads, and tell the damping that suits the motion in progress.
+    """Take the new loads, and return the damping that suits the motion in progress.
 
     Its frequency is Rayleigh's quotient: the change of the loads in one sweep of it stands for the stiffness.
     Summed in 16 lanes of fixed order, whatever the width of the machine's vectors.

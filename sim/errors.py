@@ -2,4 +2,4 @@
 
 
 class SimError(ValueError):
-    """Input that cannot be simulated; the message says what, which value, which limit, what to do next."""
+    """Input that cannot be simulated; the message gives what, which value, which limit, what to do next."""

@@ -40,7 +40,7 @@ def _cache_folder() -> Path | None:
     """The cache folder of exactly these sources; None where no folder can be written to.
 
     Numba notices a change of a kernel's own file, but not of the functions that it calls from other files:
-    an edited link law would go on running as it was. So the folder is named by the whole package's text.
+    an edited link law would keep running as it was. So the folder is named by the whole package's text.
     """
     package = Path(__file__).parent
     text = hashlib.sha256()

@@ -1,4 +1,4 @@
-"""What a solver hands back: the shape of a sheet, or why there is none."""
+"""What a solver returns: the shape of a sheet, or why there is none."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ class Shape:
     `positions_m` float64 (n, 3): centres in metres in the voxel frame, as computed, not registered; voxels in
     the order k, j, i. `steps`: time steps or sweeps taken. `strain`: the expanding layer's strain then.
     `orientations` float64 (n, 4): unit quaternions (w, x, y, z); `large` bool (links,): the links' regimes;
-    with these a warm start goes on.
+    with these a warm start continues.
     """
 
     positions_m: NDArray[np.float64]

@@ -114,7 +114,7 @@ def build_sheet(
     materials: Materials | None = None,
     fibers_as: FiberModel = "voxels",
 ) -> Sheet:
-    """Lay fibers into the faces of a bare sheet; `jammed[n]` tells whether fiber n is stiffened.
+    """Lay fibers into the faces of a bare sheet; `jammed[n]`: whether fiber n is jammed.
 
     As "voxels" they replace the passive ones of the face, as published: a voxel under any jammed fiber is
     jammed, in whatever order the fibers come. As "elements" they lie on the face, each beside the others.

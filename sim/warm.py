@@ -1,4 +1,4 @@
-"""Compiling the simulator's kernels ahead of their first use, and saying so."""
+"""Compiling the simulator's kernels ahead of their first use, with notice."""
 
 import pickle
 import shutil
@@ -28,17 +28,17 @@ _DAMAGED = (EOFError, pickle.UnpicklingError, ValueError, AttributeError, Import
 
 
 def compile_kernels(
-    say: Callable[[str], None], solver: SolverName = "equilibrium", precision: Precision = "float32"
+    notify: Callable[[str], None], solver: SolverName = "equilibrium", precision: Precision = "float32"
 ) -> None:
     """Make a solver ready to run: compiled on this machine's first use, read from the disk after that.
 
-    Calls `say` with one line before it compiles, and not otherwise. It compiles in a process of its own, whose
+    Calls `notify` with one line before it compiles, and not otherwise. It compiles in a process of its own, whose
     memory goes back with it. Where nothing can be kept on the disk, each process compiles for itself.
     """
     if KERNEL_FOLDER is None:
         compiled: Any = march if solver == "dynamic" else settle
         if not compiled.signatures:
-            say(
+            notify(
                 f"compiling the sheet simulator, about {ABOUT_S} s every time: set NUMBA_CACHE_DIR to keep it"
             )
         solve_a_pair(solver, precision)
@@ -47,12 +47,12 @@ def compile_kernels(
     processor = "".join(c if c.isalnum() else "-" for c in llvmlite.binding.get_host_cpu_name())
     marker = KERNEL_FOLDER / f"{solver}-{precision}-numba-{numba.__version__}-{processor}.compiled"
     if not marker.exists():
-        say(f"compiling the sheet simulator ({solver}, {precision}), once per machine, about {ABOUT_S} s")
+        notify(f"compiling the sheet simulator ({solver}, {precision}), once per machine, about {ABOUT_S} s")
         _compile_apart(solver, precision)
     try:
         solve_a_pair(solver, precision)
     except _DAMAGED:
-        say(f"the compiled simulator in {KERNEL_FOLDER} is damaged: compiling it again, about {ABOUT_S} s")
+        notify(f"the compiled simulator in {KERNEL_FOLDER} is damaged: compiling it again, about {ABOUT_S} s")
         shutil.rmtree(KERNEL_FOLDER, ignore_errors=True)
         KERNEL_FOLDER.mkdir(parents=True, exist_ok=True)
         solve_a_pair(solver, precision)

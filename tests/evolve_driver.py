@@ -1,4 +1,4 @@
-"""A small search with real simulation, as a process: begins the run of a folder, or goes on with it.
+"""A small search with real simulation, as a process: begins the run of a folder, or continues it.
 
 python -m evolve_driver FOLDER WORKERS; 0 workers: this process itself. Says "begun" and each generation's number.
 """

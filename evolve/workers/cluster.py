@@ -185,7 +185,7 @@ class Cluster:
         self._asked_s = time.monotonic()
 
     def _workers(self) -> dict[str, int]:
-        """The addresses of the workers and their threads; none if the scheduler does not say."""
+        """The addresses of the workers and their threads; none if the scheduler does not report them."""
         try:
             found: dict[str, int] = self._client.sync(
                 self._client.scheduler.ncores, callback_timeout=_ANSWER_S

@@ -35,7 +35,7 @@ def sources_digest(packages: tuple[Path, ...]) -> str:
 
 
 def differences(here: Mapping[str, str], there: Mapping[str, str]) -> str:
-    """What differs, in words; empty if nothing does."""
+    """What differs, as text; empty if nothing does."""
     return ", ".join(
         f"{name} {there.get(name)} there, {here.get(name)} here"
         for name in sorted(here.keys() | there.keys())

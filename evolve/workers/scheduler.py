@@ -42,12 +42,12 @@ def check_scheduler(address: str, within_s: float) -> None:
         EvolveError: nobody does within that time, or somebody else.
     """
     answer: SimpleQueue[str | Exception] = SimpleQueue()
-    # In a thread of its own, left behind if need be: Dask waits for ever for a listener that says nothing.
+    # In a thread of its own, left behind if need be: Dask waits for ever for a listener that never answers.
     threading.Thread(target=_ask, args=(address, within_s, answer), daemon=True).start()
     try:
         found = answer.get(timeout=within_s + _LATE_S)
     except Empty:
-        raise no_answer(address, within_s, "something listens there, but says nothing") from None
+        raise no_answer(address, within_s, "something listens there, but never answers") from None
     if isinstance(found, MemoryError):
         # Other bytes, taken for the length of a message.
         raise no_answer(address, within_s, "something answers, but not as Dask does") from found
@@ -67,7 +67,7 @@ def no_answer(address: str, within_s: float, why: str) -> EvolveError:
 
 @contextmanager
 def silence() -> Iterator[None]:
-    """Keep Dask's log off the terminal: whatever concerns the search is said by an exception."""
+    """Keep Dask's log off the terminal: whatever concerns the search is raised as an exception."""
     loggers = [logging.getLogger(name) for name in _LOGGERS]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

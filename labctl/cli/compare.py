@@ -9,20 +9,24 @@ from labctl.cli.rigs import design_option, json_option
 
 
 @click.command()
-@click.option("--pattern", required=True, help="The design's pattern that was stiffened.")
+@click.option("--pattern", required=True, help="Pattern of the design that was jammed.")
 @click.option(
     "--measured",
     required=True,
     type=click.Path(path_type=Path),
-    help="CSV: point, x_cm, y_cm, z_mm_at_P_psi, ...",
+    help="CSV file with columns point, x_cm, y_cm, z_mm_at_P_psi, ...",
 )
 @click.option(
-    "--points", default=16, show_default=True, type=click.IntRange(min=3), help="Points in the table."
+    "--points",
+    default=16,
+    show_default=True,
+    type=click.IntRange(min=3),
+    help="Number of points in the table.",
 )
 @design_option
 @json_option
 def compare(pattern: str, measured: Path, points: int, design_name: str, as_json: bool) -> None:
-    """For every measured pressure: the inflation that fits best, the mean height error, and e_t."""
+    """Print for every measured pressure the strain that fits best, the mean height error, and e_t."""
     from labctl.config.load import load_design
     from labctl.simulation.inflation_fit import fit_inflation
     from labctl.simulation.measured_heights import read_measured

@@ -1,4 +1,4 @@
-"""`labctl doctor`: who is connected, what each says of itself, and which protections this rig really has."""
+"""`labctl doctor`: which instruments answer, as what, and which protections this rig really has."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class Finding:
 @rig_option
 @json_option
 def doctor(rig_path: Path | None, as_json: bool) -> int:
-    """Ask every instrument who it is, and say which protections are there, missing, or not to be seen from here.
+    """Identify every instrument, and list the protections that are there, missing, or not to be seen from here.
 
     Nothing is energised; no setpoint or valve is written. Exit code 2 when an instrument does not answer.
     """
@@ -106,7 +106,7 @@ def _setpoint_source(identity: "Identity") -> Finding:
         return Finding(
             "setpoint source",
             "unknown",
-            "this protocol or firmware does not tell; a write that does not take is seen at its read-back",
+            "this protocol or firmware does not report it; a write that does not take is seen at its read-back",
         )
     if identity.setpoint_source == "analog":
         return Finding(
@@ -231,5 +231,5 @@ def _who(identity: "Identity") -> str:
     parts = [identity.model]
     if identity.serial_number:
         parts.append(f"serial number {identity.serial_number}")
-    parts.append(f"firmware {identity.firmware}" if identity.firmware else "firmware not told")
+    parts.append(f"firmware {identity.firmware}" if identity.firmware else "firmware not reported")
     return ", ".join((*parts, *identity.notes))

@@ -20,7 +20,7 @@ _LOOK_S = 0.1
 
 @click.group()
 def doubles() -> None:
-    """Byte-level doubles of the instruments."""
+    """Simulated instruments: servers that answer byte by byte as the real ones do."""
 
 
 @doubles.command()
@@ -30,17 +30,31 @@ def doubles() -> None:
     type=click.Path(path_type=Path, dir_okay=False),
     default=Path("doubles-rig.toml"),
     show_default=True,
-    help="Where to write the rig.toml that points at them.",
+    help="File for the rig.toml that points at the doubles.",
 )
 @click.option(
     "--regulator",
     type=click.Choice(["alicat-ascii", "alicat-modbus"]),
     default="alicat-ascii",
     show_default=True,
+    help="Protocol of the regulator.",
 )
-@click.option("--valves", "transport", type=click.Choice(["rtu", "tcp"]), default="rtu", show_default=True)
-@click.option("--relay-channels", type=click.Choice(["8", "16", "32"]), default="32", show_default=True)
-@click.option("--single-valve", is_flag=True, help="A PC, which cannot exhaust, in place of a PCD.")
+@click.option(
+    "--valves",
+    "transport",
+    type=click.Choice(["rtu", "tcp"]),
+    default="rtu",
+    show_default=True,
+    help="Modbus transport of the relay board.",
+)
+@click.option(
+    "--relay-channels",
+    type=click.Choice(["8", "16", "32"]),
+    default="32",
+    show_default=True,
+    help="Channels of the relay board.",
+)
+@click.option("--single-valve", is_flag=True, help="Regulator model PC, which cannot exhaust, not PCD.")
 @click.option(
     "--dump-channel", type=click.IntRange(1, 32), help="Put a normally-open dump valve on this channel."
 )
@@ -49,9 +63,11 @@ def doubles() -> None:
     default=1.0,
     show_default=True,
     type=click.FloatRange(0.1, 100),
-    help="Plant time over wall time.",
+    help="Speed of the plant's time against the wall's.",
 )
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of all noise.")
+@click.option(
+    "--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of all noise and occlusion."
+)
 @click.option(
     "--gap",
     "gap_texts",
@@ -60,40 +76,41 @@ def doubles() -> None:
     "ends (mm) or seed; may be repeated.",
 )
 @click.option(
-    "--noise-mm", default=0.1, show_default=True, type=click.FloatRange(0), help="Marker noise, mm, per axis."
+    "--noise-mm", default=0.1, show_default=True, type=click.FloatRange(0), help="Marker noise per axis, mm."
 )
 @click.option(
     "--occlusion-hz",
     default=0.02,
     show_default=True,
     type=click.FloatRange(0),
-    help="Occlusions a marker a second.",
+    help="Occlusions per second of each marker.",
 )
 @click.option(
     "--occlusion-s",
     default=0.1,
     show_default=True,
     type=click.FloatRange(0),
-    help="How long one lasts on average.",
+    help="Mean duration of an occlusion, s.",
 )
 @click.option(
     "--drop-out",
     default=0.001,
     show_default=True,
     type=click.FloatRange(0, 0.99),
-    help="Share of frames never sent.",
+    help="Share of frames that are never sent.",
 )
 @click.option(
     "--fault",
     "fault_texts",
     multiple=True,
-    help="INSTRUMENT=KIND[:VALUE][@SECONDS or @PSIpsi], as in regulator=silent@3psi; a wrong one lists all.",
+    help="Fault to inject: INSTRUMENT=KIND[:VALUE][@SECONDS or @PSIpsi], as in regulator=silent@3psi; a wrong "
+    "one lists all.",
 )
 @click.option(
     "--trace",
     "trace_path",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Log the plant's truth (pressure, coils, jammed fibers) as JSON lines.",
+    help="Log the plant's true state (pressure, coils, jammed fibers) as JSON lines.",
 )
 @click.option("--lease", is_flag=True, hidden=True, help="End some seconds after standard input closes.")
 @design_option

@@ -1,4 +1,4 @@
-"""Ctrl-C, termination and a closed terminal, turned into a wish to stop that ends in SAFE."""
+"""Ctrl-C, termination and a closed terminal, turned into a request to stop that ends in SAFE."""
 
 import os
 import select
@@ -12,11 +12,11 @@ from labctl.stop import StopRequest
 
 @contextmanager
 def stop_on_signals(doing: str | None = "taking the rig to SAFE") -> Iterator[StopRequest]:
-    """While inside, signals only set the request: nothing that is going on is torn apart.
+    """While inside, signals only set the request: nothing in progress is torn apart.
 
     The request is looked at between any two steps, so a stop takes effect within one exchange with an
-    instrument; more signals change nothing, because the way to SAFE is already the shortest. `doing` is what the
-    person is told, None where there is nobody to tell.
+    instrument; more signals change nothing, because the way to SAFE is already the shortest. `doing` is what is
+    printed on the first one, None where nobody reads it.
     """
     stop = StopRequest()
 
@@ -25,7 +25,7 @@ def stop_on_signals(doing: str | None = "taking the rig to SAFE") -> Iterator[St
         again = stop.asked
         stop.set(name)
         if doing is not None:
-            _tell(f"still {doing}" if again else f"{name}: {doing}")
+            _print_from_handler(f"still {doing}" if again else f"{name}: {doing}")
 
     before = {
         number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -37,7 +37,7 @@ def stop_on_signals(doing: str | None = "taking the rig to SAFE") -> Iterator[St
             signal.signal(number, handler)
 
 
-def _tell(text: str) -> None:
+def _print_from_handler(text: str) -> None:
     # A handler runs in the middle of whatever was being printed: only a bare write is safe there, and only
     # where a stopped terminal cannot make it wait.
     with suppress(OSError, ValueError):

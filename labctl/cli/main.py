@@ -22,27 +22,43 @@ if TYPE_CHECKING:
 
 # Name -> (module, attribute, one line of help): `labctl --help` must not import what the commands need.
 COMMANDS = {
-    "inflate": ("labctl.cli.inflate", "inflate", "Stiffen a pattern, inflate, measure, compare, vent."),
+    "inflate": (
+        "labctl.cli.inflate",
+        "inflate",
+        "Jam a pattern, inflate the sheet, measure it, compare with the simulation, vent.",
+    ),
     "run": (
         "labctl.cli.run.command",
         "run",
-        "A scripted measurement: five-trial, relaxation, calibration, ...",
+        "Run a protocol (five-trial, relaxation, calibration, ...) and record it in the ledger.",
     ),
-    "pause": ("labctl.cli.run.control", "pause", "Let the run that goes on wait after its trial."),
-    "resume": ("labctl.cli.run.control", "resume", "Let a paused run go on."),
-    "abort": ("labctl.cli.run.control", "abort", "End the run that goes on, to SAFE."),
-    "runs": ("labctl.cli.runs", "runs", "The runs in the ledger, and how each stands."),
-    "show": ("labctl.cli.show", "show", "Everything about a run: trials, numbers, events, provenance."),
-    "verify": ("labctl.cli.verify", "verify", "Recompute every number of a run from its raw files."),
-    "report": ("labctl.cli.report", "report", "Runs of a ledger as one HTML page."),
-    "export": ("labctl.cli.export", "export", "A run as CSV, Parquet or C3D files."),
+    "pause": ("labctl.cli.run.control", "pause", "Pause the running protocol after this trial."),
+    "resume": ("labctl.cli.run.control", "resume", "Resume a paused protocol."),
+    "abort": ("labctl.cli.run.control", "abort", "Abort the running protocol and vent."),
+    "runs": ("labctl.cli.runs", "runs", "List the runs in the ledger and the state of each."),
+    "show": ("labctl.cli.show", "show", "Show everything about a run: trials, numbers, events, provenance."),
+    "verify": ("labctl.cli.verify", "verify", "Compute every number of a run again from its raw recordings."),
+    "report": ("labctl.cli.report", "report", "Write an HTML report of one or several runs."),
+    "export": ("labctl.cli.export", "export", "Export a run as CSV, Parquet or C3D files."),
     "vent": ("labctl.cli.vent", "vent", "Take the rig to SAFE and read it back."),
-    "status": ("labctl.cli.status", "status", "What the instruments read now; changes nothing."),
-    "doctor": ("labctl.cli.doctor", "doctor", "Who is connected and which protections this rig really has."),
-    "simulate": ("labctl.cli.simulate", "simulate", "The shape of a pattern or of a voxel file."),
+    "status": ("labctl.cli.status", "status", "Show what the instruments read now; writes nothing to them."),
+    "doctor": (
+        "labctl.cli.doctor",
+        "doctor",
+        "Check which instruments answer and which protections the rig has.",
+    ),
+    "simulate": ("labctl.cli.simulate", "simulate", "Simulate the shape of a pattern or of a voxel file."),
     "evolve": ("labctl.cli.evolve.command", "evolve", "Search for fiber layouts that take several shapes."),
-    "compare": ("labctl.cli.compare", "compare", "Measured heights against a pattern's simulation."),
-    "doubles": ("labctl.cli.doubles", "doubles", "Byte-level doubles of the instruments."),
+    "compare": (
+        "labctl.cli.compare",
+        "compare",
+        "Compare measured heights with the simulation of a pattern.",
+    ),
+    "doubles": (
+        "labctl.cli.doubles",
+        "doubles",
+        "Serve simulated instruments (byte-level doubles) to any client.",
+    ),
 }
 
 
@@ -72,7 +88,7 @@ class LazyGroup(click.Group):
 def labctl() -> None:
     """Run a soft-robotics laboratory: variable-stiffness sheets, inflated, measured and simulated.
 
-    Without --rig a command starts byte-level doubles of the instruments and says SIMULATED RIG.
+    Without --rig a command starts byte-level doubles of the instruments and prints SIMULATED RIG.
     """
 
 

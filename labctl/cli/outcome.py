@@ -36,10 +36,10 @@ class Outcome:
         return self.on or SYSTEM
 
     def for_machines(self) -> Mapping[str, Any]:
-        """What a failed command's JSON says beside its error."""
-        told: dict[str, Any] = {}
+        """What a failed command's JSON holds beside its error."""
+        fields: dict[str, Any] = {}
         if self.simulated is not None:
-            told["simulated"] = self.simulated
+            fields["simulated"] = self.simulated
         if self.report is not None:
-            told["safe"] = self.report.safe
-        return told
+            fields["safe"] = self.report.safe
+        return fields

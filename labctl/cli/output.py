@@ -20,13 +20,13 @@ def emit_json(result: Mapping[str, Any]) -> None:
 
 
 def banner(simulated: bool) -> None:
-    """Say that the rig is simulated, where it is."""
+    """Print that the rig is simulated, where it is."""
     if simulated:
         click.echo(SIMULATED)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print rows under a head, numbers and text alike set to the right."""
+    """Print rows under a head, every column set to the right."""
     cells = [list(head), *[list(row) for row in rows]]
     widths = [max(len(row[column]) for row in cells) for column in range(len(head))]
     for row in cells:
@@ -42,7 +42,7 @@ class ProgressLine:
     """Live progress on standard error: one line, rewritten, on a terminal; one line a step elsewhere.
 
     Nothing here waits for the terminal: whoever shows progress may be holding a pressure. A context manager;
-    leaving it lets what was said be written, for a second at most.
+    leaving it lets what is queued be written, for a second at most.
     """
 
     def __init__(self, *, quiet: bool) -> None:
@@ -78,7 +78,7 @@ class ProgressLine:
         self._step = step
 
     def note(self, text: str) -> None:
-        """Say something that must stay readable."""
+        """Print a line of its own, which is not rewritten."""
         self._output.write(f"labctl: {text}")
 
     def _write(self, text: str) -> None:

@@ -12,7 +12,7 @@ from labctl.cli.rigs import chosen_rig, json_option, rig_option
 @rig_option
 @json_option
 def status(rig_path: Path | None, as_json: bool) -> None:
-    """Pressure, setpoint, status flags and valves as they read now. Writes nothing to any instrument."""
+    """Show pressure, setpoint, status flags and valves as they read now; writes nothing to any instrument."""
     from labctl.cli.interrupts import stop_on_signals
     from labctl.cli.outcome import Outcome
     from labctl.drivers.opening import open_regulator, open_valves

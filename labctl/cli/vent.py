@@ -14,7 +14,7 @@ _BUSY_S = 30.0
 @rig_option
 @json_option
 def vent(rig_path: Path | None, as_json: bool) -> int:
-    """Setpoint 0, exhaust or dump open, every valve off, read back from the instruments.
+    """Take the rig to SAFE: setpoint 0, exhaust or dump valve open, every valve off, all read back.
 
     An instrument that cannot be opened does not keep the other from being made safe; the rig is then UNSAFE
     and the exit code 1.

@@ -17,7 +17,7 @@ from labctl.config.source import Document
 from labctl.config.validate import problem_at
 
 FEWEST_POINTS = 4
-# Two markers cannot sit closer than this, nor say which way the sheet lies from a strip narrower than it.
+# Two markers cannot sit closer than this, nor show which way the sheet lies from a strip narrower than it.
 SAME_PLACE_MM = 1.0
 
 

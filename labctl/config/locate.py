@@ -1,4 +1,4 @@
-"""Where in a TOML text each key stands, which tomllib does not tell.
+"""Where in a TOML text each key stands, which tomllib does not report.
 
 The text is one that tomllib has parsed already, so only its structure is followed here
 (https://toml.io/en/v1.0.0); what a value means is of no concern.

@@ -1,4 +1,4 @@
-"""What single values of a configuration file may be; each rule can say in words what it allows.
+"""What single values of a configuration file may be; each rule states as text what it allows.
 
 A rule is called with the value as TOML has it and returns it in the lab's own unit, or raises ValueError
 with a message for the user.
@@ -28,8 +28,8 @@ class Range:
         """Whether the value is in the range."""
         return self.low <= value <= self.high and not (self.above_low and value == self.low)
 
-    def words(self, unit: str = "") -> str:
-        """The range in words, led by a space; nothing where it has no limits."""
+    def describe(self, unit: str = "") -> str:
+        """The range as text, led by a space; nothing where it has no limits."""
         after = f" {unit}" if unit else ""
         low = f" above {self.low:g}{after}" if self.above_low else f" of at least {self.low:g}{after}"
         high = f"at most {self.high:g}{after}"
@@ -49,7 +49,7 @@ class Number:
     @property
     def allowed(self) -> str:
         """What the rule allows, to follow "must be"."""
-        return f"a number{self.range.words()}"
+        return f"a number{self.range.describe()}"
 
     def __call__(self, value: object, /) -> float:
         """The number as a float."""
@@ -104,7 +104,7 @@ class OneOf:
 
 @dataclass(frozen=True)
 class Text:
-    """Text that a pattern matches in full; `allowed` says so in words."""
+    """Text that a pattern matches in full; `allowed` describes it."""
 
     allowed: str = "text that is not empty, on one line"
     pattern: str = r"(?!\s)[^\x00-\x1f\x7f-\x9f]+(?<!\s)"
@@ -139,7 +139,7 @@ class Quantity:
     @property
     def allowed(self) -> str:
         """What the rule allows, to follow "must be"."""
-        return f"a {self.kind.name}{self.range.words(self.kind.unit)}, for example {self.kind.quoted}"
+        return f"a {self.kind.name}{self.range.describe(self.kind.unit)}, for example {self.kind.quoted}"
 
     def __call__(self, value: object, /) -> float:
         """The quantity in the kind's unit."""

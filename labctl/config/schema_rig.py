@@ -39,7 +39,7 @@ LOWEST_FREQUENCY_HZ = 10.0
 # Above this a regulator's reply is taken for a transmission error.
 HIGHEST_PSI = 20.0
 LONGEST_HEARTBEAT_S = 1.0
-# Of the markers, where rig.toml does not say how many must be seen.
+# Share of the markers that must be seen, where rig.toml does not set their number.
 SHARE_OF_POINTS = 0.75
 
 Name = Annotated[str, PlainValidator(Text())]
@@ -296,13 +296,15 @@ class RigFile(Section):
 
     @field_validator("measurement")
     @classmethod
-    def _asks_for_no_more_markers_than_there_are(
+    def _requires_no_more_markers_than_there_are(
         cls, measurement: MeasurementSection, info: ValidationInfo
     ) -> MeasurementSection:
         markers: MarkersSection | None = info.data.get("markers")
-        asked = measurement.min_points
-        if markers is not None and asked is not None and asked > len(markers.points):
-            raise ValueError(f"min_points = {asked} is more than the {len(markers.points)} of markers.points")
+        min_points = measurement.min_points
+        if markers is not None and min_points is not None and min_points > len(markers.points):
+            raise ValueError(
+                f"min_points = {min_points} is more than the {len(markers.points)} of markers.points"
+            )
         return measurement
 
     @field_validator("speed")

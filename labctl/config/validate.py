@@ -74,12 +74,12 @@ def show(value: object) -> str:
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """A "did you mean" for a word that is not known, else the words that are."""
-    words = sorted(known)
-    close = difflib.get_close_matches(word, words, n=1)
+    """A "did you mean" for a word that is not known, else the known ones."""
+    names = sorted(known)
+    close = difflib.get_close_matches(word, names, n=1)
     if close:
         return f'did you mean "{close[0]}"?'
-    return f"known are {', '.join(words)}" if words else "none is known"
+    return f"known are {', '.join(names)}" if names else "none is known"
 
 
 def _explained(document: Document, schema: type[BaseModel], found: "ErrorDetails") -> Problem:

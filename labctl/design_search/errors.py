@@ -1,4 +1,4 @@
-"""What the evolution refuses or loses, as the laboratory's own errors with their exit codes."""
+"""Errors of the search engine as the laboratory's own, with their exit codes."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

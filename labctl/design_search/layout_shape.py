@@ -50,15 +50,15 @@ def layout_shapes(problem: Problem, genome: Genome) -> tuple[LayoutShape, ...]:
 
 
 def _shape(problem: Problem, voxel_map: VoxelMap, target: Target) -> LayoutShape:
-    told = f"the layout that takes the shape {target.name!r} could not be simulated again"
+    failed = f"the layout that takes the shape {target.name!r} could not be simulated again"
     advice = "use the version of the program that made the run (its run.json)"
     try:
         sheet = voxel_map.sheet(problem.physics.materials)
         shape = problem.physics.solve(sheet)
     except SimError as error:
-        raise LabError(f"{told}: {error}; {advice}") from error
+        raise LabError(f"{failed}: {error}; {advice}") from error
     if isinstance(shape, Failure):
-        raise LabError(f"{told}: {describe_failure(shape)}; {advice}")
+        raise LabError(f"{failed}: {describe_failure(shape)}; {advice}")
     heights_m = problem.physics.heights_m(sheet, shape, problem.surface)
     score = simulation_error(heights_m, target, problem.scoring)
     return LayoutShape(target, 1e3 * (heights_m - score.offset_m), score)

@@ -18,7 +18,7 @@ RULES: tuple[Rule, ...] = get_args(Rule)
 
 
 @dataclass(frozen=True)
-class Found:
+class FrontMember:
     """A member of a run's front; `best`: no member of any run's front is better."""
 
     run: SearchRun
@@ -36,31 +36,31 @@ class Pick:
     """A design that was picked, and the rules that pick it."""
 
     rules: tuple[Rule, ...]
-    found: Found
+    chosen: FrontMember
 
 
-def found_by(runs: Sequence[SearchRun]) -> list[Found]:
-    """The fronts of all runs, in the order of the errors; of exact ties between runs the first run's is the best.
+def front_members(runs: Sequence[SearchRun]) -> list[FrontMember]:
+    """The members of all runs' fronts, ordered by errors; of exact ties between runs the first run's is the best.
 
     Raises:
         BadInput: no run has found a layout that has a shape.
     """
     pairs = [(run, member) for run in runs for member in run.checkpoint.front.members]
     if not pairs:
-        raise BadInput(f"{runs[0].folder}: no layout has had a shape yet: let the run go on with --resume")
+        raise BadInput(f"{runs[0].folder}: no layout has had a shape yet: continue the run with --resume")
     errors_m = np.array([member.errors_m for _, member in pairs])
     best = moocore.is_nondominated(errors_m)
-    found = [Found(run, member, bool(yes)) for (run, member), yes in zip(pairs, best, strict=True)]
-    return sorted(found, key=lambda each: each.errors_mm)
+    members = [FrontMember(run, member, bool(yes)) for (run, member), yes in zip(pairs, best, strict=True)]
+    return sorted(members, key=lambda each: each.errors_mm)
 
 
-def pick_of(runs: Sequence[SearchRun], rule: Rule) -> Found:
+def picked_member(runs: Sequence[SearchRun], rule: Rule) -> FrontMember:
     """What a rule picks from the fronts of all runs together; random layouts are those of all runs.
 
     Raises:
-        BadInput: as `found_by`.
+        BadInput: as `front_members`.
     """
-    best = [each for each in found_by(runs) if each.best]
+    best = [each for each in front_members(runs) if each.best]
     random_m = [errors_m for run in runs for errors_m in run.checkpoint.random_m]
     try:
         chosen = choose(Front(tuple(each.member for each in best)), random_m, rule)
@@ -69,18 +69,18 @@ def pick_of(runs: Sequence[SearchRun], rule: Rule) -> Found:
     return next(each for each in best if each.member is chosen)
 
 
-def picks_of(runs: Sequence[SearchRun]) -> tuple[Pick, ...]:
+def all_picks(runs: Sequence[SearchRun]) -> tuple[Pick, ...]:
     """What each rule picks, in the order of the rules; a design that several pick comes once.
 
     Raises:
-        BadInput: as `found_by`.
+        BadInput: as `front_members`.
     """
     picks: list[Pick] = []
     for rule in RULES:
-        found = pick_of(runs, rule)
-        same = next((n for n, pick in enumerate(picks) if pick.found.member is found.member), None)
+        chosen = picked_member(runs, rule)
+        same = next((n for n, pick in enumerate(picks) if pick.chosen.member is chosen.member), None)
         if same is None:
-            picks.append(Pick((rule,), found))
+            picks.append(Pick((rule,), chosen))
         else:
-            picks[same] = Pick((*picks[same].rules, rule), found)
+            picks[same] = Pick((*picks[same].rules, rule), chosen)
     return tuple(picks)

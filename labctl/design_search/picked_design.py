@@ -11,7 +11,7 @@ from labctl.design_search.search_run import SearchRun
 def design_toml(member: Member, run: SearchRun, name: str, remarks: Sequence[str]) -> str:
     """The text of a design file: the searched sheet with the layout's fibers, each on a valve of its own.
 
-    Fibers are numbered as on the run's page; patterns have the targets' names. `remarks` stand at its head.
+    Fibers are numbered as on the run's page; patterns have the targets' names. `remarks` are its first lines.
     """
     base = run.design
     lines = [f"# {remark}" for remark in remarks]

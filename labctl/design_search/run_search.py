@@ -1,4 +1,4 @@
-"""Runs of a search, one a seed: begun or taken up again, carried on, and kept."""
+"""Runs of a search, one a seed: begun or resumed, continued to their end, and kept."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -12,10 +12,10 @@ from evolve.run_folder import RunFolder
 from evolve.search import search
 from evolve.settings import Settings
 from evolve.workers.pool import Pool, ShouldStop
-from labctl.design_search.search_run import SEED_FOLDER, looking_into, run_folders
+from labctl.design_search.search_run import SEED_FOLDER, readable, run_folders
 from labctl.errors import BadInput
 
-# The note of the seeds that were asked for together.
+# The note of the seeds that were requested together.
 SEEDS = "seeds"
 
 
@@ -32,13 +32,13 @@ def begin_runs(path: Path, settings: Sequence[Settings], generations: int) -> li
     """Write the settings of new runs: of one into the folder itself, of several into seed-1, seed-2, ... of it.
 
     Raises:
-        BadInput: the folder holds several runs already, or cannot be looked into.
+        BadInput: the folder holds several runs already, or cannot be read.
         EvolveError: it holds another run or other files, or cannot be written.
     """
     if run_folders(path):
-        raise BadInput(f"{path}: holds another run: go on with it by --resume, or name another folder")
+        raise BadInput(f"{path}: holds another run: continue it with --resume, or name another folder")
     # Before anything is made in it, the lock included.
-    with looking_into(path):
+    with readable(path):
         RunFolder(path).check_free()
     several = len(settings) > 1
     planned = []
@@ -53,9 +53,9 @@ def begin_runs(path: Path, settings: Sequence[Settings], generations: int) -> li
 
 
 def resume_runs(path: Path, generations: int | None) -> list[PlannedRun]:
-    """The runs of a folder, to be gone on with; with more generations than they were begun with, if given.
+    """The runs of a folder, to be continued; with more generations than they were begun with, if given.
 
-    Seeds that were asked for and not begun before the start was cut off are begun now.
+    Seeds that were requested and not begun before the start was cut off are begun now.
 
     Raises:
         BadInput: one has gone further already.
@@ -66,23 +66,25 @@ def resume_runs(path: Path, generations: int | None) -> list[PlannedRun]:
         folders = run_folders(path)
         for folder in folders:
             locks.enter_context(folder.locked())
-        planned = [_taken_up(folder, generations) for folder in folders]
+        planned = [_resumed(folder, generations) for folder in folders]
         for run in planned:
             run.folder.lengthen(run.generations)
-    return sorted((*planned, *_begun_late(path, planned)), key=lambda run: run.settings.seed)
+    return sorted((*planned, *_missing_seeds_begun(path, planned)), key=lambda run: run.settings.seed)
 
 
-def seeds_of(path: Path, found: Sequence[tuple[Path, Settings]]) -> list[int]:
-    """The seeds that the runs found in a folder were asked for, begun or not; of a single run its own."""
+def requested_seeds(path: Path, found: Sequence[tuple[Path, Settings]]) -> list[int]:
+    """The seeds requested for the runs of a folder, begun or not; of a single run its own."""
     folder, first = found[0]
     noted: Any = first.notes.get(SEEDS)
     # A note is whatever stands in a file.
-    asked = noted if isinstance(noted, list) and folder != path else []
-    return sorted({seed for seed in asked if type(seed) is int} | {settings.seed for _, settings in found})
+    requested = noted if isinstance(noted, list) and folder != path else []
+    return sorted(
+        {seed for seed in requested if type(seed) is int} | {settings.seed for _, settings in found}
+    )
 
 
-def _taken_up(folder: RunFolder, generations: int | None) -> PlannedRun:
-    settings, wanted = folder.load()
+def _resumed(folder: RunFolder, generations: int | None) -> PlannedRun:
+    settings, planned = folder.load()
     checkpoint = folder.checkpoint()
     done = 0 if checkpoint is None else checkpoint.state.generation + 1
     if generations is not None and generations < done:
@@ -90,14 +92,14 @@ def _taken_up(folder: RunFolder, generations: int | None) -> PlannedRun:
             f"{folder.path}: has {done} generations already, more than --generations {generations}: give more, or "
             "leave it out"
         )
-    return PlannedRun(folder, settings, wanted if generations is None else generations)
+    return PlannedRun(folder, settings, planned if generations is None else generations)
 
 
-def _begun_late(path: Path, planned: Sequence[PlannedRun]) -> list[PlannedRun]:
+def _missing_seeds_begun(path: Path, planned: Sequence[PlannedRun]) -> list[PlannedRun]:
     if not planned:
         return []
     first = planned[0]
-    missing = set(seeds_of(path, [(run.folder.path, run.settings) for run in planned]))
+    missing = set(requested_seeds(path, [(run.folder.path, run.settings) for run in planned]))
     missing -= {run.settings.seed for run in planned}
     late = []
     for seed in sorted(missing):
@@ -108,8 +110,8 @@ def _begun_late(path: Path, planned: Sequence[PlannedRun]) -> list[PlannedRun]:
     return late
 
 
-def carry_on(run: PlannedRun, pool: Pool, clock: Seconds, stopped: ShouldStop) -> Iterator[Checkpoint]:
-    """Search to the end of a run; yields each checkpoint once it is on the disk, and the one found first.
+def continue_run(run: PlannedRun, pool: Pool, clock: Seconds, stopped: ShouldStop) -> Iterator[Checkpoint]:
+    """Search to the end of a run; yields the checkpoint that is there, then each new one once it is on the disk.
 
     Raises:
         EvolveError: another process works on the run, or its checkpoint cannot be used.

@@ -1,4 +1,4 @@
-"""What a person chooses for a search, and the settings that follow from it."""
+"""A search as requested, and the settings that follow from it."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -31,7 +31,7 @@ _VERSIONS_OF = ("labctl", "numpy", "scipy", "numba", "moocore")
 
 @dataclass(frozen=True)
 class SearchRequest:
-    """A search in the words of the command line; `rates` None for the default ones."""
+    """A search, complete, in the terms of the command line; `rates` None for the default ones."""
 
     targets: str
     design: str = "known"
@@ -57,7 +57,7 @@ PUBLISHED: Mapping[str, Any] = {
 }
 
 
-def settings_of(choices: SearchRequest, seed: int, compile_first: CompileFirst) -> Settings:
+def search_settings(request: SearchRequest, seed: int, compile_first: CompileFirst) -> Settings:
     """The settings of a run with that seed; targets that are patterns are simulated for it.
 
     `compile_first` is called with the solver and its precision before that.
@@ -66,43 +66,43 @@ def settings_of(choices: SearchRequest, seed: int, compile_first: CompileFirst) 
         BadInput: a target, the design or the rig cannot be used, or the constraints contradict each other.
         EvolveError: likewise, from the evolution itself.
     """
-    design = load_design(choices.design)
-    words = split_targets(choices.targets)
-    channels = _channels(choices.rig)
-    if choices.min_length_mm < SHORTEST_FIBER_MM:
+    design = load_design(request.design)
+    names = split_targets(request.targets)
+    channels = _channels(request.rig)
+    if request.min_length_mm < SHORTEST_FIBER_MM:
         raise BadInput(
-            f"--min-length {choices.min_length_mm:g} mm: the shortest fiber that can be fabricated is "
+            f"--min-length {request.min_length_mm:g} mm: the shortest fiber that can be fabricated is "
             f"{SHORTEST_FIBER_MM:g} mm; use that or more"
         )
     constraints = Constraints(
         geometry(design.sheet.geometry),
-        len(words),
-        choices.representation,
-        choices.min_length_mm / 1e3,
-        choices.fibers_per_face,
+        len(names),
+        request.representation,
+        request.min_length_mm / 1e3,
+        request.fibers_per_face,
         valves=len(channels),
     )
     notes = {
-        "choices": asdict(choices),
+        "choices": asdict(request),
         "sheet": f"of design {design.name} ({design.source})",
-        "design": {"source": design.source, "text": design_text(choices.design)},
+        "design": {"source": design.source, "text": design_text(request.design)},
         "channels": channels,
         _PROGRAM: _program(),
         "versions": {"python": python_version()} | {name: version(name) for name in _VERSIONS_OF},
     }
     return Settings(
-        _problem(choices, design, compile_first),
+        _problem(request, design, compile_first),
         constraints,
         seed,
-        choices.population,
-        choices.crowding,
-        Variation(DEFAULT_RATES if choices.rates is None else dict(choices.rates)),
+        request.population,
+        request.crowding,
+        Variation(DEFAULT_RATES if request.rates is None else dict(request.rates)),
         notes,
     )
 
 
 def other_notes(one: Settings, other: Settings) -> list[str]:
-    """What differs, in words, in what a picked design is written by: the sheet's design and the rig's valves."""
+    """What differs, as text, in what a picked design is written by: the sheet's design and the rig's valves."""
     noted = [settings.notes.get("design") for settings in (one, other)]
     # A note is whatever stands in a file.
     texts = [design.get("text") if isinstance(design, Mapping) else None for design in noted]
@@ -114,25 +114,25 @@ def other_notes(one: Settings, other: Settings) -> list[str]:
 
 
 def other_program(settings: Settings) -> str:
-    """How the program that began a run differs from this one, in words; empty if it does not, or is not noted."""
+    """How the program that began a run differs from this one, as text; empty if it does not, or is not noted."""
     noted = settings.notes.get(_PROGRAM)
     return differences(_program(), noted) if isinstance(noted, Mapping) else ""
 
 
-def _problem(choices: SearchRequest, design: Design, compile_first: CompileFirst) -> Problem:
-    words = split_targets(choices.targets)
-    if choices.scoring == "published":
+def _problem(request: SearchRequest, design: Design, compile_first: CompileFirst) -> Problem:
+    names = split_targets(request.targets)
+    if request.scoring == "published":
         physics = published_physics(design)
         surface, scoring = (
             PUBLISHED_SURFACE,
-            published_scoring(full_target_name(word, design) for word in words),
+            published_scoring(full_target_name(name, design) for name in names),
         )
     else:
         held = design.sheet.rated_strain
         physics = replace(published_physics(design), solver="equilibrium", strain=held)
-        surface, scoring = choices.surface, Scoring(alignment=choices.alignment)
+        surface, scoring = request.surface, Scoring(alignment=request.alignment)
     compile_first(physics.solver, physics.precision)
-    return Problem(physics, targets_of(words, design, physics, surface), surface, scoring)
+    return Problem(physics, targets_of(names, design, physics, surface), surface, scoring)
 
 
 def parse_rates(text: str) -> dict[str, float]:

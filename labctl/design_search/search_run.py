@@ -1,4 +1,4 @@
-"""A run of the evolution as it lies in its folder."""
+"""A run of a search as it lies in its folder."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -69,7 +69,7 @@ def load_run(folder: Path) -> SearchRun:
         raise BadInput(str(error)) from error
     if checkpoint is None:
         raise BadInput(
-            f"{folder}: the run has no finished generation yet: wait for it, or go on with --resume"
+            f"{folder}: the run has no finished generation yet: wait for it, or continue it with --resume"
         )
     return SearchRun(folder, settings, generations, checkpoint)
 
@@ -97,9 +97,9 @@ def run_folders(path: Path) -> list[RunFolder]:
     """The runs of a folder: the one that it is, or those of its seeds in their order; none if it holds none.
 
     Raises:
-        BadInput: it cannot be looked into.
+        BadInput: it cannot be read.
     """
-    with looking_into(path):
+    with readable(path):
         if RunFolder(path).begun:
             return [RunFolder(path)]
         if not path.is_dir():
@@ -110,8 +110,8 @@ def run_folders(path: Path) -> list[RunFolder]:
 
 
 @contextmanager
-def looking_into(path: Path) -> Iterator[None]:
-    """Tell a folder that cannot be looked into, or one in it, as the wrong one to name.
+def readable(path: Path) -> Iterator[None]:
+    """Refuse a folder that cannot be read, or that holds one that cannot.
 
     Raises:
         BadInput: what is inside raised an OSError.
@@ -127,18 +127,18 @@ def check_one_search(runs: Sequence[SearchRun]) -> None:
     """Refuse runs that differ in more than their seed.
 
     Raises:
-        BadInput: there is no run, or two differ; says which and in what.
+        BadInput: there is no run, or two differ; names them and the differences.
     """
     if not runs:
         raise BadInput("no run: name the folder of at least one")
-    check_seeds_of_one([(run.folder, run.settings) for run in runs])
+    check_equal_settings([(run.folder, run.settings) for run in runs])
 
 
-def check_seeds_of_one(found: Sequence[tuple[Path, Settings]]) -> None:
+def check_equal_settings(found: Sequence[tuple[Path, Settings]]) -> None:
     """Refuse folders whose settings differ in more than their seed.
 
     Raises:
-        BadInput: two differ; says which and in what.
+        BadInput: two differ; names them and the differences.
     """
     folder, settings = found[0]
     for other, others in found[1:]:

@@ -38,7 +38,7 @@ _LAYOUT = (
 class AlicatAscii:
     """The device: state of its own (unit id, setpoint source, streaming) and the plant behind it.
 
-    Letters count alike in either case. A line for another unit gets no answer, a command that it does not
+    Letters count the same in either case. A line for another unit gets no answer, a command that it does not
     know gets "?". Bare digits behind the unit id are a legacy setpoint in 64000ths of full scale. With the
     setpoint source "A" (analog) a setpoint is answered by an ordinary frame and not taken over.
     """
@@ -142,16 +142,16 @@ class AlicatAscii:
         return "A" if self._faults.active("ignored-setpoint") else self._source
 
     def _setpoint_source(self, text: str) -> str | None:
-        wanted = text.strip()
-        if wanted not in ("", "A", "S", "U"):
+        value = text.strip()
+        if value not in ("", "A", "S", "U"):
             return None
-        self._source = wanted or self._source
+        self._source = value or self._source
         return f"{self.unit_id} {self._setpoint_source_now()}{_CR}"
 
-    def _readdress(self, wanted: str) -> str | None:
-        if wanted != STREAMING_ID and not (len(wanted) == 1 and wanted.isalpha()):
+    def _readdress(self, value: str) -> str | None:
+        if value != STREAMING_ID and not (len(value) == 1 and value.isalpha()):
             return None
-        self.unit_id = wanted
+        self.unit_id = value
         self._stream_due_s = self._clock.now_s()
         return "" if self.streaming else self._frame()
 
@@ -195,7 +195,7 @@ class AsciiLine:
 
     @property
     def waiting(self) -> bool:
-        """A streaming device speaks without being asked."""
+        """A streaming device sends frames unasked."""
         return self._device.streaming
 
     def receive(self, data: bytes) -> list[bytes]:

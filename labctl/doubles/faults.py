@@ -1,4 +1,4 @@
-"""Faults that a double can show: what each instrument allows, and how the words for them are read."""
+"""Faults that a double can show: what each instrument allows, and how their texts are parsed."""
 
 import math
 import threading
@@ -82,21 +82,21 @@ class Faults:
         return {"regulator": self.regulator, "valves": self.valves, "markers": self.markers}[instrument]
 
 
-def parse_faults(words: Iterable[str]) -> Faults:
-    """Faults from words like "regulator=garbage" or "valves=late:0.8".
+def parse_faults(texts: Iterable[str]) -> Faults:
+    """Faults from texts like "regulator=garbage" or "valves=late:0.8".
 
     "markers=silent@12" begins at 12 s of the plant's time, "valves=silent@3psi" once its pressure was 3 psi.
 
     Raises:
-        BadInput: a word that does not name an instrument and a fault that it can have, or a bad value.
+        BadInput: a text that does not name an instrument and a fault that it can have, or a bad value.
     """
     faults = Faults()
-    for word in words:
-        name, equals, rest = word.partition("=")
+    for text in texts:
+        name, equals, rest = text.partition("=")
         instrument = next((known for known in ALLOWED if known == name.strip()), None)
         if not equals or instrument is None:
-            raise BadInput(f"fault {word!r} is not INSTRUMENT=KIND; allowed: {_format_allowed()}")
-        fault = _parse_kind(word, instrument, rest.strip())
+            raise BadInput(f"fault {text!r} is not INSTRUMENT=KIND; allowed: {_format_allowed()}")
+        fault = _parse_kind(text, instrument, rest.strip())
         if instrument == "regulator":
             faults = replace(faults, regulator=(*faults.regulator, fault))
         elif instrument == "valves":
@@ -107,41 +107,41 @@ def parse_faults(words: Iterable[str]) -> Faults:
 
 
 def _format_allowed() -> str:
-    words = []
+    parts = []
     for instrument, kinds in ALLOWED.items():
         shown = (kind + (f":{argument.upper()}" if argument else "") for kind, argument in kinds.items())
-        words.append(f"{instrument}= {', '.join(shown)}")
+        parts.append(f"{instrument}= {', '.join(shown)}")
     when = "each may end in @SECONDS or @PSIpsi, the plant's time or pressure at which it begins"
-    return "; ".join((*words, when))
+    return "; ".join((*parts, when))
 
 
-def _parse_kind(word: str, instrument: Instrument, rest: str) -> Fault:
+def _parse_kind(text: str, instrument: Instrument, rest: str) -> Fault:
     body, at, from_text = rest.partition("@")
     kind, colon, value_text = body.partition(":")
     if kind not in ALLOWED[instrument]:
-        raise BadInput(f"fault {word!r}: {instrument} has no fault {kind!r}; allowed: {_format_allowed()}")
+        raise BadInput(f"fault {text!r}: {instrument} has no fault {kind!r}; allowed: {_format_allowed()}")
     argument = ALLOWED[instrument][kind]
     if bool(argument) != bool(colon):
-        wanted = f"write {instrument}={kind}:{argument.upper()}" if argument else "it takes no value"
-        raise BadInput(f"fault {word!r}: {wanted}")
-    value = _number(word, argument, value_text) if argument else 0.0
+        advice = f"write {instrument}={kind}:{argument.upper()}" if argument else "it takes no value"
+        raise BadInput(f"fault {text!r}: {advice}")
+    value = _number(text, argument, value_text) if argument else 0.0
     if not at:
         return Fault(kind, value)
     if from_text.endswith("psi"):
-        return Fault(kind, value, from_psi=_number(word, "psi", from_text.removesuffix("psi")))
-    return Fault(kind, value, from_s=_number(word, "seconds", from_text))
+        return Fault(kind, value, from_psi=_number(text, "psi", from_text.removesuffix("psi")))
+    return Fault(kind, value, from_s=_number(text, "seconds", from_text))
 
 
-def _number(word: str, what: Argument, text: str) -> float:
+def _number(text: str, what: Argument, value_text: str) -> float:
     try:
-        value = float(text)
+        value = float(value_text)
     except ValueError:
         value = math.nan
     lowest = 1.0 if what == "channel" else 0.0
     whole = what in ("seconds", "psi") or value.is_integer()
     if not math.isfinite(value) or value < lowest or not whole:
         kind = "a number" if what in ("seconds", "psi") else "a whole number"
-        raise BadInput(f"fault {word!r}: {what} is {text!r}; it must be {kind} of at least {lowest:g}")
+        raise BadInput(f"fault {text!r}: {what} is {value_text!r}; it must be {kind} of at least {lowest:g}")
     return value
 
 

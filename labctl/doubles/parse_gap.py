@@ -1,4 +1,4 @@
-"""How the words for a reality gap are read: "none", or "jammed=0.85"."""
+"""A reality gap from text: "none", or "jammed=0.85"."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -17,23 +17,23 @@ _FIELDS = {
 }
 
 
-def parse_gap(words: Iterable[str]) -> RealityGap:
-    """A reality gap from words; those that come later win, "none" closes the gap for those before it.
+def parse_gap(texts: Iterable[str]) -> RealityGap:
+    """A reality gap from texts; later ones win, "none" closes the gap for those before it.
 
     Raises:
-        BadInput: a word that is neither "none" nor NAME=VALUE with a known name and a usable value.
+        BadInput: a text that is neither "none" nor NAME=VALUE with a known name and a usable value.
     """
     gap = RealityGap()
-    for word in words:
-        name, _, text = word.partition("=")
-        if word == "none":
+    for text in texts:
+        name, _, value = text.partition("=")
+        if text == "none":
             gap = NO_GAP
             continue
         if name not in _FIELDS:
-            raise BadInput(f"reality gap {word!r}: use 'none' or NAME=VALUE with {', '.join(_FIELDS)}")
+            raise BadInput(f"reality gap {text!r}: use 'none' or NAME=VALUE with {', '.join(_FIELDS)}")
         try:
-            change: dict[str, Any] = {_FIELDS[name]: int(text) if name == "seed" else float(text)}
+            change: dict[str, Any] = {_FIELDS[name]: int(value) if name == "seed" else float(value)}
         except ValueError as error:
-            raise BadInput(f"reality gap {word!r}: {text!r} is not a number") from error
+            raise BadInput(f"reality gap {text!r}: {value!r} is not a number") from error
         gap = replace(gap, **change)
     return gap

@@ -77,9 +77,9 @@ def take_packet(buffer: bytearray) -> Packet | None:
     return None
 
 
-def text(number: int, words: str, kind: int = TEXT) -> Packet:
+def text(number: int, content: str, kind: int = TEXT) -> Packet:
     """A text packet: no quoting, no terminator."""
-    return Packet(number, kind, words.encode("ascii"))
+    return Packet(number, kind, content.encode("ascii"))
 
 
 def ints(number: int, *values: int) -> Packet:
@@ -92,9 +92,9 @@ def floats(number: int, *values: float) -> Packet:
     return Packet(number, FLOATS, struct.pack(f"<{len(values)}f", *values))
 
 
-def options(words: str) -> Mapping[str, str]:
+def options(content: str) -> Mapping[str, str]:
     """The `key=value` words of a text, the last of equal keys; words without exactly one "=" are left out."""
-    pairs = (word.split("=") for word in words.split())
+    pairs = (word.split("=") for word in content.split())
     return {pair[0]: pair[1] for pair in pairs if len(pair) == 2}
 
 

@@ -87,8 +87,8 @@ class Session:
     def greet(self) -> None:
         """The server speaks first: types, names, opened."""
         names = " ".join(f"{number}={name}" for name, number in NAMES.items())
-        for words in (TYPES, f"table=names {names}", "opened=1"):
-            self._send(text(NAMES["internal"], words))
+        for content in (TYPES, f"table=names {names}", "opened=1"):
+            self._send(text(NAMES["internal"], content))
 
     def handle(self, packet: Packet) -> None:
         """Act on one packet and queue the answers."""
@@ -113,14 +113,14 @@ class Session:
             answers[packet.id](packet)
 
     def leave(self) -> None:
-        """The client is gone; where it was master, its slaves are told that it is done."""
+        """The client is gone; where it was master, its slaves get notice that it is done."""
         if self in self._hub.sessions:
             self._hub.sessions.remove(self)
         self._give_up_mastery()
 
     def _initialize(self, packet: Packet) -> None:
-        wanted = options(_words(packet))
-        self.slave = wanted.get("slave") == "1"
+        requested = options(_text_of(packet))
+        self.slave = requested.get("slave") == "1"
         if not self.slave and self._hub.master not in (None, self):
             self._refuse("another client is master; initialize with slave=1")
             return
@@ -129,7 +129,7 @@ class Session:
         self.initialized = True
         self.streaming = False
         self.wants_markers = True
-        self._apply(wanted)
+        self._apply(requested)
         self._send_tables()
         num, den = self._hub.seconds_a_count()
         self._send(
@@ -142,15 +142,15 @@ class Session:
             )
         )
 
-    def _apply(self, wanted: Mapping[str, str]) -> None:
-        self.wants_markers = wanted.get("event.markers", str(int(self.wants_markers))) != "0"
-        if "streaming" in wanted:
-            self.streaming = wanted["streaming"] == "1"
+    def _apply(self, requested: Mapping[str, str]) -> None:
+        self.wants_markers = requested.get("event.markers", str(int(self.wants_markers))) != "0"
+        if "streaming" in requested:
+            self.streaming = requested["streaming"] == "1"
         if self.slave:
             return
-        if "frequency" in wanted:
-            self._hub.set_frequency(_number(wanted["frequency"]))
-        num, _, den = wanted.get("timebase", "").partition(",")
+        if "frequency" in requested:
+            self._hub.set_frequency(_number(requested["frequency"]))
+        num, _, den = requested.get("timebase", "").partition(",")
         if num.isdecimal() and den.isdecimal() and int(num) and int(den):
             self._hub.timebase = (int(num), int(den))
 
@@ -197,7 +197,7 @@ class Session:
         self._send(ints(NAMES["timebase"], *self._hub.seconds_a_count()))
 
     def _set_options(self, packet: Packet) -> None:
-        self._apply(options(_words(packet)))
+        self._apply(options(_text_of(packet)))
         num, den = self._hub.seconds_a_count()
         self._send(
             text(
@@ -208,16 +208,16 @@ class Session:
         )
 
     def _create_trackers(self, packet: Packet) -> None:
-        for wanted in _records(packet, "id"):
-            if wanted.get("type", "point") != "point" or not wanted["id"].isdecimal():
+        for requested in _records(packet, "id"):
+            if requested.get("type", "point") != "point" or not requested["id"].isdecimal():
                 self._refuse("createtracker: only point trackers with a whole number as id are served here")
                 return
-            self._hub.trackers[int(wanted["id"])] = wanted.get("name", wanted["id"])
+            self._hub.trackers[int(requested["id"])] = requested.get("name", requested["id"])
         self._send_tables()
 
     def _assign_markers(self, packet: Packet) -> None:
-        for wanted in _records(packet, "tid"):
-            tracker, marker = wanted["tid"], wanted.get("mid", "")
+        for requested in _records(packet, "tid"):
+            tracker, marker = requested["tid"], requested.get("mid", "")
             known = tracker.isdecimal() and int(tracker) in self._hub.trackers
             if not known or not marker.isdecimal() or int(marker) not in self._hub.marker_trackers:
                 self._refuse(f"assignmarker: no tracker {tracker!r} or no marker {marker!r}")
@@ -229,13 +229,13 @@ class Session:
         self._send(text(NAMES["error"], reason, ERROR))
 
 
-def _words(packet: Packet) -> str:
+def _text_of(packet: Packet) -> str:
     return packet.payload.decode("ascii", "replace") if packet.type == TEXT else ""
 
 
-def _number(words: str) -> float:
+def _number(content: str) -> float:
     try:
-        return float(words)
+        return float(content)
     except ValueError:
         return math.nan
 
@@ -249,7 +249,7 @@ def _numbers(packet: Packet, kind: int, layout: str) -> list[float]:
 def _records(packet: Packet, first_key: str) -> list[dict[str, str]]:
     """The records of a text; each begins at a word with the key `first_key`."""
     records: list[dict[str, str]] = []
-    for word in _words(packet).split():
+    for word in _text_of(packet).split():
         key, _, value = word.partition("=")
         if key == first_key:
             records.append({})

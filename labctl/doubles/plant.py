@@ -1,4 +1,4 @@
-"""The one plant behind all doubles: chamber, relays and sheet, stepped in time on the clock handed in."""
+"""The one plant behind all doubles: chamber, relays and sheet, stepped in time on a given clock."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -50,12 +50,12 @@ class PlantState:
 
     @property
     def exhausting(self) -> bool:
-        """The regulator has been told to exhaust."""
+        """The regulator was commanded to exhaust."""
         return self.mode is Mode.EXHAUST
 
     @property
     def holding(self) -> bool:
-        """The regulator has been told to hold its valves."""
+        """The regulator was commanded to hold its valves."""
         return self.mode in (Mode.HOLD_CLOSED, Mode.HOLD_CURRENT)
 
 

@@ -74,12 +74,12 @@ class WaveshareRelay:
         return bytes([size]) + bits.to_bytes(size, "little")
 
     def _read_registers(self, address: int, count: int) -> bytes:
-        words = {ADDRESS_REGISTER: self.unit_id, VERSION_REGISTER: VERSION}
+        registers = {ADDRESS_REGISTER: self.unit_id, VERSION_REGISTER: VERSION}
         if count != 1:
             raise ModbusError(ILLEGAL_VALUE)
-        if address not in words:
+        if address not in registers:
             raise ModbusError(ILLEGAL_ADDRESS)
-        return struct.pack(">BH", 2, words[address])
+        return struct.pack(">BH", 2, registers[address])
 
     def _write_register(self, address: int, value: int) -> None:
         if address != ADDRESS_REGISTER:

@@ -183,7 +183,7 @@ class AlicatAscii:
         return reading
 
     def setpoint_source(self, timeout_s: float | None = None) -> Literal["serial", "analog"] | None:
-        """Where the device takes its setpoint from (`LSS`); None where the firmware does not tell.
+        """Where the device takes its setpoint from (`LSS`); None where the firmware does not report it.
 
         Raises:
             NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `read`.
@@ -191,7 +191,7 @@ class AlicatAscii:
         deadline = self._deadline(timeout_s)
         source = self._setpoint_source(deadline)
         if source is None:
-            # Silence is also what a dead link gives; a frame tells the two apart.
+            # Silence is also what a dead link gives; a frame distinguishes the two.
             self._poll(deadline)
         return source
 

@@ -1,6 +1,6 @@
 """The lines of the Alicat ASCII protocol, written and read (serial primer; docs/reference/hardware.md).
 
-A device tells its own data frame: the table of `??D*` has a row for each column, numbered by statistic, and
+A device describes its own data frame: the table of `??D*` has a row for each column, numbered by statistic, and
 starred rows for the status words that may follow. Columns are bound to that table and never guessed.
 """
 
@@ -164,7 +164,7 @@ def _column(name: str, index: int, rest: str) -> Column:
 
 
 def _check_unit(name: str, label: str, unit: PressureUnit) -> None:
-    # PSIG, PSI and psig are one unit: the trailing G says gauge.
+    # PSIG, PSI and psig are one unit: the trailing G means gauge.
     plain = label.casefold()
     if plain not in (unit.casefold(), unit.casefold() + "g"):
         raise InstrumentRefused(

@@ -38,7 +38,7 @@ READ_BACKS = 3
 class AlicatModbus:
     """A gauge pressure controller on Modbus RTU or TCP.
 
-    The wire tells neither the device's unit nor its model: `pressure_unit` and `dual_valve` are believed.
+    The registers hold neither the device's unit nor its model: `pressure_unit` and `dual_valve` are believed.
 
     Args:
         link: Modbus.
@@ -83,7 +83,7 @@ class AlicatModbus:
         link.resync_by_holding_registers(COMMAND_STATUS, 1, device_id)
 
     def identify(self, timeout_s: float | None = None) -> Identity:
-        """Prove by a reading that the device answers; these registers do not tell who it is.
+        """Prove by a reading that the device answers; these registers do not identify it.
 
         Raises:
             NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `read`.
@@ -91,7 +91,7 @@ class AlicatModbus:
         self.read(timeout_s)
         return Identity(
             model="Alicat pressure controller",
-            notes=(f"over Modbus the device tells neither model nor unit; {self._unit} as configured",),
+            notes=(f"over Modbus the device reports neither model nor unit; {self._unit} as configured",),
         )
 
     def read(self, timeout_s: float | None = None) -> PressureReading:

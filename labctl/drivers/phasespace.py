@@ -30,8 +30,8 @@ class PhaseSpace:
 
     Args:
         stream: a connection to the server's port, fresh; deadlines are on its clock.
-        clock: the laboratory's, which the frames' arrival is told by.
-        frequency_hz: asked for, and checked against what the server answers.
+        clock: the laboratory's, by which the frames' arrival is stamped.
+        frequency_hz: requested, and checked against what the server answers.
         length_unit_mm: one of the server's length units, in mm.
         name: for messages.
         timeout_s: of a call that names none.
@@ -68,10 +68,10 @@ class PhaseSpace:
         self._started = False
 
     def identify(self, timeout_s: float | None = None) -> Identity:
-        """Greet and initialise the server, which is all that it tells of itself; may be called twice.
+        """Greet and initialise the server, which is all that it reports of itself; may be called twice.
 
         Raises:
-            NoAnswer: the server has not answered before the deadline; a later call goes on from there.
+            NoAnswer: the server has not answered before the deadline; a later call continues from there.
             GarbledReply: bytes that are no packets.
             InstrumentRefused: the server reports an error, or runs at another frequency.
             LinkDown: the server closed the connection.
@@ -82,7 +82,7 @@ class PhaseSpace:
         return Identity(model="PhaseSpace server, protocol 2", notes=tuple(notes))
 
     def start(self, timeout_s: float | None = None) -> None:
-        """Ask for the stream and wait until the server says that it runs; may be called twice.
+        """Request the stream and wait until the server reports that it runs; may be called twice.
 
         Raises:
             NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `identify`.
@@ -97,7 +97,7 @@ class PhaseSpace:
     def next_frames(self, timeout_s: float | None = None) -> MarkerFrames:
         """The frames that are at hand, at least one, in the order sent, with the markers that were not seen.
 
-        What came with a frame that contradicts itself is told in its place: the frames before it by this call,
+        What came with a frame that contradicts itself is reported in its place: the frames before it by this call,
         the error by the next.
 
         Raises:
@@ -108,7 +108,7 @@ class PhaseSpace:
         """
         deadline = self._deadline(timeout_s)
         if not self._started:
-            raise NoAnswer(f"{self.name}: no stream was asked for; start it first")
+            raise NoAnswer(f"{self.name}: no stream was requested; start it first")
         session = self._session
         if session.drained:
             self._clock.sleep(min(READ_EVERY_S, deadline.remaining_s()))
@@ -151,7 +151,7 @@ class PhaseSpace:
         if not self._asked_to_initialize:
             session.send("internal", wire.BYTE, CLIENT_TEXT, deadline)
             options = f"{EVENTS_TEXT} timebase=1,1000000 frequency={self.frequency_hz:g}"
-            # What was told before the request, by another client's session say, does not answer it.
+            # What was sent before the request, as by another client's session, does not answer it.
             for key in ("initialized", "frequency", "timebase"):
                 session.properties.pop(key, None)
             session.send("initialize", wire.BYTE, options.encode("ascii"), deadline)
@@ -168,7 +168,7 @@ class PhaseSpace:
             session.pump_until(lambda: session.number("frequency") is not None, deadline)
         if not self._has_frequency():
             raise InstrumentRefused(
-                f"{self.name}: {self.frequency_hz:g} Hz was asked for and the server runs at "
+                f"{self.name}: {self.frequency_hz:g} Hz was requested and the server runs at "
                 f"{session.properties['frequency']} Hz; set markers.frequency_hz to what it can do"
             )
 
@@ -187,7 +187,7 @@ class PhaseSpace:
             if echo is None:
                 raise
             raise InstrumentRefused(
-                f"{self.name}: streaming {on} was asked for and the server answers {echo}; see whether "
+                f"{self.name}: streaming {on} was requested and the server answers {echo}; see whether "
                 "another client is its master"
             ) from error
 

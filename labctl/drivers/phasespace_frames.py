@@ -1,4 +1,4 @@
-"""Marker frames of the PhaseSpace wire; frames that are laid out alike are read in bulk, as one array.
+"""Marker frames of the PhaseSpace wire; frames of equal layout are read in bulk, as one array.
 
 A frame is the packets of its data and a closing packet (docs/reference/phasespace-wire.md, section 6). A server
 sends the same packets frame after frame, so that only a frame's times and records differ from the one before it.

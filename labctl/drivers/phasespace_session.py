@@ -17,10 +17,10 @@ _MOST_BYTES = 1 << 18
 
 
 class PhaseSpaceSession:
-    """What the server has said so far; `pump` takes in one packet more, `gather` all frames that are at hand.
+    """What the server has sent so far; `pump` takes in one packet more, `gather` all frames that are at hand.
 
     `frames` are runs of closed frames in the order sent, for whoever fetches them to take away; the newest of them
-    arrived at `arrived_s` of `clock`. `drained` tells that the last `gather` left less than such a frame behind.
+    arrived at `arrived_s` of `clock`. `drained`: the last `gather` left less than such a frame behind.
 
     Everything is kept over a time-out, a half-read packet included. After a packet that cannot be one the
     place of the next is unknown: the session is then closed for good.
@@ -76,7 +76,7 @@ class PhaseSpaceSession:
         """Take in the frames that are at hand; where none begins here, one packet. Raises like `pump_until`.
 
         Only frames that are sound and follow each other are read in bulk: whatever else there is between them goes
-        through `pump`, which knows what to say about it.
+        through `pump`, which knows what to raise for it.
         """
         taken = 0
         # After half a frame or half a packet the next bytes are no frame's beginning.
@@ -111,14 +111,14 @@ class PhaseSpaceSession:
         self._stream.send(wire.packet(self.names[name], packet_type, payload), deadline)
 
     def integer(self, key: str) -> int | None:
-        """An integer property; None where it was not told or is no integer."""
+        """An integer property; None where it was not sent or is no integer."""
         try:
             return int(self.properties[key])
         except (KeyError, ValueError):
             return None
 
     def number(self, key: str) -> float | None:
-        """A number property; None where it was not told or is no number."""
+        """A number property; None where it was not sent or is no number."""
         try:
             return float(self.properties[key])
         except (KeyError, ValueError):

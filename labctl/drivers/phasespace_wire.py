@@ -21,7 +21,7 @@ FIRST_FRAME_ID = 256
 
 @dataclass(frozen=True)
 class Header:
-    """What a packet says of itself; `time` is in counts of the server's timebase."""
+    """The header of a packet; `time` is in counts of the server's timebase."""
 
     id: int
     type: int

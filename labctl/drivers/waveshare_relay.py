@@ -46,7 +46,7 @@ class WaveshareRelay:
 
         Raises:
             NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as the link has it.
-            GarbledReply: the board says that it has another address than the one that it answers to.
+            GarbledReply: the board reports another address than the one that it answers to.
         """
         deadline = self._deadline(timeout_s)
         (version,) = self._link.read_holding_registers(VERSION_REGISTER, 1, self._device_id, deadline)
@@ -74,22 +74,22 @@ class WaveshareRelay:
 
         Raises:
             BadInput: a channel that the board does not have; nothing was sent.
-            ReadBackMismatch: the board says that it stands otherwise.
+            ReadBackMismatch: the board reads back otherwise.
             NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as the link has it; relays may have moved.
         """
-        wanted = frozenset(on)
-        unknown = sorted(channel for channel in wanted if not 1 <= channel <= self.channels)
+        requested = frozenset(on)
+        unknown = sorted(channel for channel in requested if not 1 <= channel <= self.channels)
         if unknown:
             raise BadInput(f"{self.name}: no channel {unknown}; the board has channels 1 to {self.channels}")
         deadline = self._deadline(timeout_s)
-        if not wanted:
+        if not requested:
             self._all_off(deadline)
-        values = [_channel(coil) in wanted for coil in range(self.channels)]
+        values = [_channel(coil) in requested for coil in range(self.channels)]
         self._link.write_coils(0, values, self._device_id, deadline)
         found = self._read(deadline)
-        if found != wanted:
+        if found != requested:
             raise ReadBackMismatch(
-                f"{self.name}: channels {sorted(wanted)} were switched on, the board reads back "
+                f"{self.name}: channels {sorted(requested)} were switched on, the board reads back "
                 f"{sorted(found)}; check the board and valves.channels, and treat the valves as unknown"
             )
         return found

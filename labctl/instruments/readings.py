@@ -1,4 +1,4 @@
-"""What instruments say: the values that drivers return and that everything above them works with."""
+"""What instruments report: the values that drivers return and that everything above them works with."""
 
 from dataclasses import dataclass, field
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Identity:
-    """Who answered on a link; fields that the wire cannot tell are None, never guessed.
+    """Who answered on a link; fields that the wire does not carry are None, never guessed.
 
     `setpoint_source` is a regulator's: "serial" or "analog".
     """
@@ -33,7 +33,7 @@ class PressureReading:
 
     @property
     def faults(self) -> frozenset[str]:
-        """The flags by which the device says that its reading cannot be trusted.
+        """The flags by which the device marks its reading as not to be trusted.
 
         ADC, converter error; POV, pressure over range; OPL, over-pressure limit.
         """
@@ -73,7 +73,7 @@ class MarkerFrames:
 
 @dataclass(frozen=True)
 class PressureSample:
-    """A reading of the regulator, and the laboratory's clock when it was asked for and when it had come."""
+    """A reading of the regulator, and the laboratory's clock when it was requested and when it had come."""
 
     reading: PressureReading
     asked_s: float

@@ -37,7 +37,7 @@ def transfer_error(measured_mm: ArrayLike, simulated_mm: ArrayLike) -> TransferE
     )
     if measured.ndim != 1 or measured.shape != simulated.shape:
         raise ValueError(
-            f"measured {measured.shape} and simulated {simulated.shape} heights must be (m,) alike"
+            f"measured {measured.shape} and simulated {simulated.shape} heights must be of one shape (m,)"
         )
     compared = np.isfinite(measured) & np.isfinite(simulated)
     points = int(compared.sum())

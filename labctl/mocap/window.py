@@ -16,7 +16,7 @@ MIN_SHARE = 0.5
 class MarkerWindow:
     """Markers averaged over a window of frames, in the instrument's frame of reference.
 
-    Arrays are over the markers asked for: `ids` int64 (m,); `mean_mm` and `sd_mm` float64 (m, 3), NaN where
+    Arrays are over the requested markers: `ids` int64 (m,); `mean_mm` and `sd_mm` float64 (m, 3), NaN where
     the marker was seen in too small a share of the frames (`sd_mm`, the sample's, also where it was seen
     once); `seen` and `occluded` int64 (m,), which add up to `frames`. `unknown` counts samples of other
     markers.
@@ -48,7 +48,7 @@ def average(frames: MarkerFrames, ids: Sequence[int], min_share: float = MIN_SHA
     if not len(frames):
         raise NoFrames("no marker frame came in the window; check that the marker server streams")
     samples_mm, unknown = samples(frames, ids)
-    # A sample is whole or NaN, so one axis tells for all three.
+    # A sample is whole or NaN, so one axis stands for all three.
     is_seen = ~np.isnan(samples_mm[:, :, 0])
     seen = is_seen.sum(axis=0)
     trusted = seen >= min_share * len(frames)
@@ -72,17 +72,17 @@ def average(frames: MarkerFrames, ids: Sequence[int], min_share: float = MIN_SHA
 
 def samples(frames: MarkerFrames, ids: Sequence[int]) -> tuple[NDArray[np.float64], int]:
     """Positions (frames, m, 3) in mm, NaN where not seen; and how many samples were of other markers."""
-    wanted = np.array(ids, dtype=np.int64)
-    order = np.argsort(wanted)
-    nearest = np.searchsorted(wanted, frames.ids, sorter=order).clip(max=len(wanted) - 1)
+    requested = np.array(ids, dtype=np.int64)
+    order = np.argsort(requested)
+    nearest = np.searchsorted(requested, frames.ids, sorter=order).clip(max=len(requested) - 1)
     column = order[nearest]
-    is_known = wanted[column] == frames.ids
+    is_known = requested[column] == frames.ids
     row = np.repeat(np.arange(len(frames)), np.diff(frames.starts))
-    cell = row * len(wanted) + column
-    # Which of two is the marker cannot be told.
-    is_once = np.bincount(cell[is_known], minlength=len(frames) * len(wanted)) == 1
+    cell = row * len(requested) + column
+    # Which of two is the marker cannot be known.
+    is_once = np.bincount(cell[is_known], minlength=len(frames) * len(requested)) == 1
     is_seen = (frames.cond > 0) & np.isfinite(frames.cond) & np.isfinite(frames.positions_mm).all(axis=1)
     is_good = is_known & is_seen & is_once[cell]
-    samples_mm = np.full((len(frames), len(wanted), 3), np.nan)
+    samples_mm = np.full((len(frames), len(requested), 3), np.nan)
     samples_mm[row[is_good], column[is_good]] = frames.positions_mm[is_good]
     return samples_mm, int((~is_known).sum())

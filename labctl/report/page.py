@@ -15,9 +15,9 @@ class Table:
     dimmed: frozenset[int] = frozenset()
 
 
-def filled_in(template: str, **told: object) -> str:
+def filled_in(template: str, **values: object) -> str:
     """A page of labctl/report/templates; it holds its style in itself."""
     environment = Environment(
         loader=PackageLoader("labctl.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
-    return environment.get_template(template).render(**told)
+    return environment.get_template(template).render(**values)

@@ -30,7 +30,7 @@ def picture_style() -> Iterator[None]:
 
 
 def shortened(name: str, longest: int) -> str:
-    """A name of at most so many letters: a longer one keeps its beginning and its end, which tell names apart."""
+    """A name of at most so many letters: a longer one keeps its beginning and its end, by which names differ."""
     if len(name) <= longest:
         return name
     begins = (longest - 3) * 2 // 5
@@ -40,7 +40,7 @@ def shortened(name: str, longest: int) -> str:
 def picture_uri(figure: Figure) -> str:
     """A figure as the address of a picture that a page holds in itself: the same figure, the same letters.
 
-    What the figure says is rasterized is so; everything else stays sharp at every size.
+    What the figure marks as rasterized is so; everything else stays sharp at every size.
     """
     content = BytesIO()
     figure.savefig(

@@ -17,7 +17,7 @@ MAX_HEIGHT_M = 1.0
 class Target:
     """The heights of a target shape, float64 (28, 28) as (i, j), read-only, in metres above the sheet at rest.
 
-    NaN off the sheet. `source` says where they came from: a file, an equation, a simulated pattern.
+    NaN off the sheet. `source` names where they came from: a file, an equation, a simulated pattern.
 
     Raises:
         SimError: a column of the geometry has no height, a height that is not finite or beyond 1 m, or a

@@ -19,7 +19,7 @@ SEARCH = ("--targets", "cylinder,sphere", "--population", "6", "--generations", 
 
 @pytest.fixture(scope="module")
 def searched(tmp_path_factory, labctl):
-    """A short search that nothing interrupted, and what it told."""
+    """A short search that nothing interrupted, and the JSON that it printed."""
     folder = tmp_path_factory.mktemp("searched") / "a"
     ended = labctl("evolve", *SEARCH, "--out", folder, "--workers", 2, "--json")
     assert ended.code == 0, ended.err
@@ -39,9 +39,9 @@ def fails(capsys, *arguments):
     return message
 
 
-def test_a_search_tells_what_it_found(searched):
-    folder, told = searched
-    (found,) = told["runs"]
+def test_a_search_reports_what_it_found(searched):
+    folder, shown_json = searched
+    (found,) = shown_json["runs"]
 
     assert found["generations"] == 3
     assert found["sheets"] == 2 * (100 + 3 * 6)
@@ -61,14 +61,14 @@ def test_a_pick_is_the_sheet_that_was_scored(searched, capsys):
 
     assert run(["evolve", "pick", str(folder), "--out", str(out), "--json"]) == 0
 
-    told = json.loads(capsys.readouterr().out)
+    shown_json = json.loads(capsys.readouterr().out)
     checkpoint, (settings, _) = RunFolder(folder).checkpoint(), RunFolder(folder).load()
-    (member,) = (each for each in checkpoint.front.members if each.id == told["member"])
+    (member,) = (each for each in checkpoint.front.members if each.id == shown_json["member"])
     design = load_design(out)
     assert sorted(design.patterns) == ["cylinder", "sphere"]
     for pattern, voxel_map in zip(("cylinder", "sphere"), settings.problem.maps(member.genome), strict=True):
         assert sheet_of(design, pattern).material.tobytes() == voxel_map.material
-        errors_mm = {name: error / 1e3 for name, error in told["errors_mm"].items()}
+        errors_mm = {name: error / 1e3 for name, error in shown_json["errors_mm"].items()}
         index = ("cylinder", "sphere").index(pattern)
         assert settings.problem.score(voxel_map).errors_m[index] == pytest.approx(
             errors_mm[pattern], rel=1e-12
@@ -76,8 +76,8 @@ def test_a_pick_is_the_sheet_that_was_scored(searched, capsys):
 
 
 def test_a_member_is_picked_by_its_id(searched, capsys):
-    folder, told = searched
-    member = told["runs"][0]["front"][-1]["member"]
+    folder, shown_json = searched
+    member = shown_json["runs"][0]["front"][-1]["member"]
 
     assert run(["evolve", "pick", str(folder), "--member", str(member), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["member"] == member
@@ -132,12 +132,12 @@ def test_a_file_of_endless_brackets_is_refused(searched, tmp_path, capsys, name)
 
 
 def test_show_scores_the_published_way_too(searched, capsys):
-    folder, told = searched
+    folder, shown_json = searched
 
     assert run(["evolve", "show", str(folder), "--published", "--json"]) == 0
 
     (shown,) = json.loads(capsys.readouterr().out)["runs"]
-    assert shown["front"] == told["runs"][0]["front"]
+    assert shown["front"] == shown_json["runs"][0]["front"]
     assert {each["member"] for each in shown["published"]} == {each["member"] for each in shown["front"]}
     assert len(shown["front"]) <= 20
     for each in shown["published"]:
@@ -161,7 +161,7 @@ def test_a_killed_search_ends_as_if_nothing_had_been(searched, start, tmp_path, 
 
     assert run(["evolve", "--resume", "--out", str(tmp_path / "b"), "--workers", "1"]) == 0
 
-    assert "seed 4: going on from the last checkpoint" in capsys.readouterr().err
+    assert "seed 4: continuing from the last checkpoint" in capsys.readouterr().err
     assert (tmp_path / "b" / "population.json").read_bytes() == (folder / "population.json").read_bytes()
 
 
@@ -218,7 +218,7 @@ def test_ctrl_c_after_the_last_generation_keeps_the_run(start, tmp_path):
     assert "index.html" not in bytes_of(tmp_path / "c")
 
 
-def test_ctrl_c_while_the_page_is_drawn_is_told(searched, monkeypatch, capsys):
+def test_ctrl_c_while_the_page_is_drawn_is_reported(searched, monkeypatch, capsys):
     folder, _ = searched
 
     def interrupted(*_):
@@ -238,11 +238,11 @@ def test_a_page_that_cannot_be_written_hides_no_result(searched, tmp_path, capsy
 
     assert run(["evolve", "show", str(tmp_path)]) == 1
 
-    told = capsys.readouterr()
-    assert "3 of 3 generations of 6" in told.out
-    assert "paper" in told.out
-    assert "index.html: is there already and is not a file" in told.err
-    assert "the run is kept" in told.err
+    printed = capsys.readouterr()
+    assert "3 of 3 generations of 6" in printed.out
+    assert "paper" in printed.out
+    assert "index.html: is there already and is not a file" in printed.err
+    assert "the run is kept" in printed.err
 
 
 def test_more_generations_and_several_seeds(tmp_path, capsys):
@@ -254,8 +254,8 @@ def test_more_generations_and_several_seeds(tmp_path, capsys):
         run(["evolve", "--resume", "--out", str(out), "--generations", "2", "--workers", "1", "--json"]) == 0
     )
 
-    told = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert [(each["seed"], each["generations"]) for each in told["runs"]] == [(3, 2), (7, 2)]
+    shown_json = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert [(each["seed"], each["generations"]) for each in shown_json["runs"]] == [(3, 2), (7, 2)]
     assert [folder.path.name for folder in run_folders(out)] == ["seed-3", "seed-7"]
 
 

@@ -4,7 +4,7 @@ import pytest
 from evolve_doubles import FormulaPool, settings
 
 import evolve.search
-from labctl.design_search.run_search import begin_runs, carry_on, resume_runs
+from labctl.design_search.run_search import begin_runs, continue_run, resume_runs
 from labctl.errors import BadInput
 
 
@@ -16,7 +16,10 @@ def few_random_layouts(monkeypatch):
 def to_the_end(planned):
     """The generations that each run still had to go through, the one found first included."""
     return [
-        [found.state.generation for found in carry_on(run, FormulaPool(), count().__next__, lambda: False)]
+        [
+            found.state.generation
+            for found in continue_run(run, FormulaPool(), count().__next__, lambda: False)
+        ]
         for run in planned
     ]
 

@@ -39,7 +39,7 @@ def simulated(monkeypatch):
 def test_patterns_are_simulated_again_and_other_targets_stay(simulated):
     of, compiled = run("pattern:sphere", "saddle:20mm"), []
 
-    problem = published_problem(of, lambda *told: compiled.append(told))
+    problem = published_problem(of, lambda *call: compiled.append(call))
 
     assert (problem.physics.solver, problem.surface) == ("dynamic", "bottom")
     assert compiled == [("dynamic", problem.physics.precision)]

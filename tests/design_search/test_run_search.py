@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from evolve.checkpoint import write_whole
+from evolve.checkpoint import write_atomically
 from evolve.constraints import Constraints
 from evolve.errors import EvolveError
 from evolve.problem import Physics, Problem
@@ -14,7 +14,7 @@ from evolve.run_folder import SETTINGS, RunFolder
 from evolve.settings import Settings
 from labctl.cli.main import run
 from labctl.design_search.run_search import begin_runs, resume_runs
-from labctl.design_search.search_request import SearchRequest, other_notes, other_program, settings_of
+from labctl.design_search.search_request import SearchRequest, other_notes, other_program, search_settings
 from labctl.errors import BadInput
 from sim.geometry import CENTRED
 from sim.targets.shapes import monkey_saddle, saddle
@@ -38,9 +38,9 @@ def test_a_start_that_was_cut_off_is_made_good(tmp_path, monkeypatch, seeds):
         if written:
             raise OSError(28, "No space left on device", str(path))
         written.append(path)
-        write_whole(path, content)
+        write_atomically(path, content)
 
-    monkeypatch.setattr("evolve.run_folder.write_whole", full)
+    monkeypatch.setattr("evolve.run_folder.write_atomically", full)
     with pytest.raises(OSError, match="No space left"):
         begin_runs(tmp_path / "a", seeds, 5)
     monkeypatch.undo()
@@ -54,7 +54,7 @@ def test_a_start_that_was_killed_before_it_wrote_anything_can_be_made_again(tmp_
         path.with_name(f".{path.name}.unfinished").touch()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("evolve.run_folder.write_whole", killed)
+    monkeypatch.setattr("evolve.run_folder.write_atomically", killed)
     with pytest.raises(KeyboardInterrupt):
         begin_runs(tmp_path / "a", seeds, 5)
     monkeypatch.undo()
@@ -93,7 +93,7 @@ def test_no_seed_is_lengthened_while_another_process_works_on_one(tmp_path, seed
     assert generations_of(tmp_path / "a") == [5, 5, 5]
 
 
-def test_seeds_of_different_searches_are_not_gone_on_with(tmp_path, capsys, seeds):
+def test_seeds_of_different_searches_are_not_resumed(tmp_path, capsys, seeds):
     other = replace(seeds[1].problem, targets=seeds[1].problem.targets[::-1])
     begin_runs(tmp_path / "a" / "seed-1", seeds[:1], 1)
     begin_runs(tmp_path / "a" / "seed-2", [replace(seeds[1], problem=other)], 1)
@@ -115,7 +115,7 @@ def test_a_run_is_for_the_valves_and_the_design_it_was_begun_with(seeds):
 
 
 def test_a_run_knows_the_program_that_began_it():
-    settings = settings_of(SearchRequest("saddle"), 1, lambda solver, precision: None)
+    settings = search_settings(SearchRequest("saddle"), 1, lambda solver, precision: None)
     assert other_program(settings) == ""
     noted = {**settings.notes["program"], "moocore": "0.0.1"}
     assert "moocore 0.0.1 there" in other_program(replace(settings, notes={"program": noted}))

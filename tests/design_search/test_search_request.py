@@ -5,10 +5,10 @@ import pytest
 from evolve.problem import Physics
 from evolve.settings import differences
 from evolve.variation import DEFAULT_RATES, PUBLISHED_RATES
-from labctl.cli.evolve.options import SearchOptions, choices_of, search_options, seeds_of
+from labctl.cli.evolve.options import SearchOptions, parse_seeds, search_options, search_request
 from labctl.cli.rigs import design_option
 from labctl.config.load import design_text, load_design
-from labctl.design_search.search_request import settings_of
+from labctl.design_search.search_request import search_settings
 from labctl.doubles.rig_file import rig_toml
 from labctl.doubles.settings import DoublesSettings
 from sim.geometry import columns
@@ -19,16 +19,16 @@ PATTERNS = "sphere,cylinder"
 
 
 def settings(*options, targets=SADDLES, compiled=None):
-    """What the words of a command line are searched with; `compiled` takes what would be compiled."""
+    """The settings that a command line leads to; `compiled` takes what would be compiled."""
 
     @click.command()
     @search_options
     @design_option
-    def command(**given):
-        wanted = SearchOptions(**given)
-        (seed,) = seeds_of(wanted)
-        said = [] if compiled is None else compiled
-        return settings_of(choices_of(wanted), seed, lambda *told: said.append(told))
+    def command(**values):
+        given = SearchOptions(**values)
+        (seed,) = parse_seeds(given)
+        calls = [] if compiled is None else compiled
+        return search_settings(search_request(given), seed, lambda *call: calls.append(call))
 
     arguments = ["--targets", targets, *map(str, options)]
     return command.main(arguments, standalone_mode=False)

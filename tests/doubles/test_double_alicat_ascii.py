@@ -111,7 +111,7 @@ def test_layout_table_names_the_columns_of_the_frame(port_of):
     assert all(column[1].startswith("*") for column in columns[3:])
 
 
-def test_streaming_sends_frames_at_its_interval_until_told_to_stop(port_of, clock):
+def test_streaming_sends_frames_at_its_interval_until_commanded_to_stop(port_of, clock):
     port = port_of()
     assert port.ask(b"AW91=100\r") == b"A 091 = 100\r"
     assert port.ask(b"A@=@\r") == b"@ +000.00 +000.00\r"

@@ -226,7 +226,7 @@ def test_streaming_stops_and_done_ends_the_session(server_of, client_of, clock):
     assert "initialized=1" in client.initialize()
 
 
-def test_slave_follows_the_master_and_is_told_when_it_stops(server_of, client_of, clock):
+def test_slave_follows_the_master_and_gets_notice_when_it_stops(server_of, client_of, clock):
     server = server_of()
     master, slave = client_of(server), client_of(server)
     master.initialize("event.markers=1 timebase=1,1000000 frequency=120")

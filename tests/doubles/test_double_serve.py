@@ -119,7 +119,7 @@ def test_other_instruments_of_the_settings(design, shapes, serial):
             assert peer.recv(64) == bytes.fromhex("0001 0000 0006 01 01 03 000000")
 
 
-def test_faster_time_fills_the_sheet_sooner_and_the_trace_tells(design, shapes, serial, tmp_path):
+def test_faster_time_fills_the_sheet_sooner_and_the_trace_shows_it(design, shapes, serial, tmp_path):
     trace = tmp_path / "trace.jsonl"
     with Doubles(DoublesSettings(design, speed=20.0, trace_path=trace), shapes) as doubles:
         rig = tomllib.loads(doubles.rig_toml())

@@ -97,35 +97,35 @@ class ScriptedStream:
 
     name = "markers on a script"
 
-    def __init__(self, *said):
+    def __init__(self, *sent):
         self.clock = WallClock()
-        self.said = bytearray(b"".join(said))
+        self.unread = bytearray(b"".join(sent))
         self.heard = b""
         self.closed = 0
         self.hung_up = False
 
-    def say(self, *data):
-        self.said += b"".join(data)
+    def feed(self, *data):
+        self.unread += b"".join(data)
 
     def send(self, data, deadline):
         self.heard += data
 
     def read_exactly(self, n, deadline):
-        if len(self.said) < n:
+        if len(self.unread) < n:
             if self.hung_up:
                 raise LinkDown("the server closed the connection")
             raise NoAnswer("silence")
-        data = bytes(self.said[:n])
-        del self.said[:n]
+        data = bytes(self.unread[:n])
+        del self.unread[:n]
         return data
 
     def peek(self, n, most, deadline):
-        data = self.read_exactly(max(n, min(most, len(self.said))), deadline)
-        self.said[:0] = data
+        data = self.read_exactly(max(n, min(most, len(self.unread))), deadline)
+        self.unread[:0] = data
         return data
 
     def skip(self, n):
-        del self.said[:n]
+        del self.unread[:n]
 
     def close(self):
         self.closed += 1
@@ -170,12 +170,12 @@ def registers():
 
 @pytest.fixture
 def stream():
-    """Make a scripted stream; what it has said and nobody read fails the test."""
+    """Make a scripted stream; what it has sent and nobody read fails the test."""
     made = []
 
-    def make(*said):
-        made.append(ScriptedStream(*said))
+    def make(*sent):
+        made.append(ScriptedStream(*sent))
         return made[-1]
 
     yield make
-    assert not any(stream.said for stream in made)
+    assert not any(stream.unread for stream in made)

@@ -64,7 +64,7 @@ def test_identify(lines):
     assert not accepts(POLL[1])
 
 
-def test_old_firmware_tells_less_and_nothing_is_guessed(lines):
+def test_old_firmware_reports_less_and_nothing_is_guessed(lines):
     link = lines(TABLE, (b"A??M*\r", b"?"), (b"AVE\r", None), (b"ALSS\r", b"A ?"), POLL)
     assert regulator(link).identify() == Identity(model="Alicat pressure controller")
     assert link.probe is None
@@ -190,7 +190,7 @@ def test_setpoint_source(lines, reply, source):
 
 
 @pytest.mark.parametrize("reply", [b"?", None])
-def test_firmware_that_does_not_tell_its_source(lines, reply):
+def test_firmware_that_does_not_report_its_source(lines, reply):
     assert regulator(lines((b"ALSS\r", reply), TABLE, POLL)).setpoint_source() is None
 
 

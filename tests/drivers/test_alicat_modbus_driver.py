@@ -147,7 +147,7 @@ def test_what_cannot_be_a_pressure_is_no_reading(registers, reply):
         regulator(registers((READ, reply))).read()
 
 
-def test_identify_tells_that_the_wire_does_not_tell(registers):
+def test_identify_notes_what_the_registers_do_not_hold(registers):
     identity = regulator(registers((READ, reading(AT_0)))).identify()
     assert identity.serial_number is None
     assert "neither model nor unit" in identity.notes[0]

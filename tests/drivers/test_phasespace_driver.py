@@ -21,7 +21,7 @@ INITIALIZED = "initialized=1 streaming=0 frequency=240 maxfrequency=960 timebase
 RAW, MARKERS = 32, 33
 
 
-def said(packet_id, packet_type, payload=b"", time=0):
+def sent(packet_id, packet_type, payload=b"", time=0):
     """A server's packet: its first eight bytes sum to 0."""
     head = struct.pack("<HB", packet_id, packet_type)
     size = struct.pack("<I", len(payload))
@@ -30,7 +30,7 @@ def said(packet_id, packet_type, payload=b"", time=0):
 
 
 def text(packet_id, words):
-    return said(packet_id, 1, words.encode())
+    return sent(packet_id, 1, words.encode())
 
 
 def marker(marker_id, x, y, z, cond, time=0):
@@ -38,13 +38,13 @@ def marker(marker_id, x, y, z, cond, time=0):
 
 
 def frame(time, *records, close=b"\0\0\0\0"):
-    return said(RAW << 8 | MARKERS, 0x84, b"".join(records), time) + said(RAW, 0x80, close, time)
+    return sent(RAW << 8 | MARKERS, 0x84, b"".join(records), time) + sent(RAW, 0x80, close, time)
 
 
 GREETING = text(0, TYPES_TEXT) + text(0, NAMES_TEXT) + text(0, "opened=1")
 SESSION = GREETING + text(NAMES["initialize"], INITIALIZED)
-STREAMING = said(NAMES["streaming"], 2, struct.pack("<i", 1))
-STOPPED = said(NAMES["streaming"], 2, struct.pack("<i", 0))
+STREAMING = sent(NAMES["streaming"], 2, struct.pack("<i", 1))
+STOPPED = sent(NAMES["streaming"], 2, struct.pack("<i", 0))
 
 
 def source(stream, **changes):
@@ -94,7 +94,7 @@ def test_the_session_as_the_client_sends_it(stream):
     )
 
 
-def test_identify_tells_what_the_server_told(stream):
+def test_identify_reports_what_the_server_sent(stream):
     identity = source(stream(SESSION)).identify()
     assert identity.notes == ("frequency 240", "maxfrequency 960", "timebase 1,1000000")
     assert identity.serial_number is None
@@ -106,7 +106,7 @@ def test_identify_tells_what_the_server_told(stream):
         text(0, "opened=1") + text(0, NAMES_TEXT) + text(4, INITIALIZED),
         text(0, "table=names 1=internal") + GREETING + text(4, INITIALIZED),
         GREETING + text(0, "table=trackers id=0,0,point,default") + text(0, INITIALIZED),
-        GREETING + text(0, "novelties=1 a=b=c word") + said(77, 9, b"??") + text(4, INITIALIZED + "\0"),
+        GREETING + text(0, "novelties=1 a=b=c word") + sent(77, 9, b"??") + text(4, INITIALIZED + "\0"),
     ],
     ids=["tables last", "names in parts", "initialized on id 0", "unknown names and keys"],
 )
@@ -116,17 +116,17 @@ def test_greetings_that_are_accepted(stream, session):
 
 def test_names_are_looked_up_and_not_assumed(stream):
     names = "table=names 41=internal 42=initialize 43=streaming 44=raw 45=markers"
-    link = stream(text(0, names), text(0, "opened=1"), text(42, INITIALIZED), said(43, 2, b"\1\0\0\0"))
+    link = stream(text(0, names), text(0, "opened=1"), text(42, INITIALIZED), sent(43, 2, b"\1\0\0\0"))
     device = source(link)
     device.start()
     assert wire.packet(43, 2, b"\1\0\0\0") in link.heard
-    link.say(said(44 << 8 | 45, 0x84, marker(7, 1, 2, 3, 1), 5) + said(44, 0x80, b"", 5))
+    link.feed(sent(44 << 8 | 45, 0x84, marker(7, 1, 2, 3, 1), 5) + sent(44, 0x80, b"", 5))
     assert device.next_frames().ids.tolist() == [7]
 
 
 def test_a_frame(started):
     device, link = started
-    link.say(frame(1_500_000, marker(0, 1.5, -2.0, 3.25, 4.0), marker(12, 0, 0, 0, -1.0)))
+    link.feed(frame(1_500_000, marker(0, 1.5, -2.0, 3.25, 4.0), marker(12, 0, 0, 0, -1.0)))
     found = device.next_frames()
     assert found.time_s.tolist() == [1.5]
     assert found.ids.tolist() == [0, 12]
@@ -138,14 +138,14 @@ def test_a_frame(started):
 
 def test_frames_come_in_the_order_sent_and_close_with_or_without_payload(started):
     device, link = started
-    link.say(frame(1, marker(1, 0, 0, 0, 1)), frame(2, marker(2, 0, 0, 0, 1), close=b""))
+    link.feed(frame(1, marker(1, 0, 0, 0, 1)), frame(2, marker(2, 0, 0, 0, 1), close=b""))
     found = device.next_frames()
     assert (found.ids.tolist(), found.starts.tolist()) == ([1, 2], [0, 1, 2])
 
 
 def test_all_frames_at_hand_come_in_one_call(started):
     device, link = started
-    link.say(*(frame(10 * n, marker(1, n, 0, 0, 1), marker(2, 0, n, 0, -1)) for n in range(50)))
+    link.feed(*(frame(10 * n, marker(1, n, 0, 0, 1), marker(2, 0, n, 0, -1)) for n in range(50)))
     found = device.next_frames()
     assert found.time_s.tolist() == [n * 10 * 1e-6 for n in range(50)]
     assert found.starts.tolist() == list(range(0, 101, 2))
@@ -167,9 +167,9 @@ def test_arrival_is_by_the_clock_that_was_handed_in(stream):
 def test_frames_of_several_kinds_of_data_and_of_many_layouts(started):
     """Rigid bodies beside the markers, slots that come and go, and texts in between."""
     device, link = started
-    rigid = said(RAW << 8 | 34, 0x85, bytes(48), 9)
+    rigid = sent(RAW << 8 | 34, 0x85, bytes(48), 9)
     unused = marker(0xFFFFFFFF, 0, 0, 0, 0)
-    said_frames = [
+    frames_sent = [
         *(
             rigid + frame(n, marker(n, 0, 0, 0, 1), unused if n % 2 else marker(99, 0, 0, 0, 1))
             for n in range(6)
@@ -178,16 +178,16 @@ def test_frames_of_several_kinds_of_data_and_of_many_layouts(started):
         *(frame(n, *(marker(m, 0, 0, 0, 1) for m in range(n))) for n in range(3)),
         frame(40, unused, marker(6, 0, 0, 0, 1), unused),
         # Two kinds of frames that interleave are none that can be read as one array.
-        said(44 << 8 | MARKERS, 0x84, marker(5, 0, 0, 0, 1), 45)
-        + said(RAW, 0x80, b"", 45)
-        + said(44, 0x80, b"", 45),
-        said(44 << 8 | MARKERS, 0x84, marker(7, 0, 0, 0, 1), 50),
+        sent(44 << 8 | MARKERS, 0x84, marker(5, 0, 0, 0, 1), 45)
+        + sent(RAW, 0x80, b"", 45)
+        + sent(44, 0x80, b"", 45),
+        sent(44 << 8 | MARKERS, 0x84, marker(7, 0, 0, 0, 1), 50),
         frame(51, marker(8, 0, 0, 0, 1)),
-        said(44, 0x80, b"", 50),
+        sent(44, 0x80, b"", 50),
     ]
-    link.say(*said_frames)
+    link.feed(*frames_sent)
     found, counts = [], []
-    while link.said:
+    while link.unread:
         batch = device.next_frames()
         found += batch.ids.tolist()
         counts += np.diff(batch.starts).tolist()
@@ -197,16 +197,16 @@ def test_frames_of_several_kinds_of_data_and_of_many_layouts(started):
 
 def test_a_frame_without_markers_is_empty_not_missing(started):
     device, link = started
-    link.say(said(RAW, 0x80, b"", 7))
+    link.feed(sent(RAW, 0x80, b"", 7))
     found = device.next_frames()
     assert (found.ids.shape, found.positions_mm.shape, found.cond.shape) == ((0,), (0, 3), (0,))
 
 
 def test_other_data_and_unused_slots_are_left_out(started):
     device, link = started
-    link.say(
-        said(RAW << 8 | 34, 0x85, bytes(48), 9),
-        said(22, 0x81, bytes(40)),
+    link.feed(
+        sent(RAW << 8 | 34, 0x85, bytes(48), 9),
+        sent(22, 0x81, bytes(40)),
         frame(9, marker(3, 1, 1, 1, 1), marker(0xFFFFFFFF, 0, 0, 0, 0)),
     )
     assert device.next_frames().ids.tolist() == [3]
@@ -232,7 +232,7 @@ def test_nothing_is_lost_by_a_time_out_in_the_middle(stream):
     whole = SESSION + STREAMING + frame(1, marker(5, 1, 2, 3, 1))
     found = None
     for at in range(0, len(whole), 7):
-        link.say(whole[at : at + 7])
+        link.feed(whole[at : at + 7])
         try:
             device.start()
             found = device.next_frames()
@@ -247,31 +247,31 @@ def test_nothing_is_lost_by_a_time_out_in_the_middle(stream):
 
 def test_stop_drops_the_frames_not_fetched(started):
     device, link = started
-    link.say(frame(1), frame(2), STOPPED)
+    link.feed(frame(1), frame(2), STOPPED)
     device.stop()
     with pytest.raises(NoAnswer, match="start it first"):
         device.next_frames()
-    link.say(STREAMING, frame(3))
+    link.feed(STREAMING, frame(3))
     device.start()
     assert device.next_frames().time_s.tolist() == [pytest.approx(3e-6)]
 
 
 def test_a_frequency_that_was_not_taken_is_asked_for_again_and_then_refused(stream):
     session = GREETING + text(4, "initialized=1 frequency=960")
-    link = stream(session, said(7, 3, struct.pack("<f", 480.0)))
-    with pytest.raises(InstrumentRefused, match=r"240 Hz was asked for and the server runs at 480.0 Hz"):
+    link = stream(session, sent(7, 3, struct.pack("<f", 480.0)))
+    with pytest.raises(InstrumentRefused, match=r"240 Hz was requested and the server runs at 480.0 Hz"):
         source(link).identify()
     assert link.heard.endswith(wire.packet(7, 3, struct.pack("<f", 240.0)))
 
 
-def test_a_frequency_that_is_told_late_is_accepted(stream):
+def test_a_frequency_that_is_sent_late_is_accepted(stream):
     session = GREETING + text(4, "initialized=1")
-    source(stream(session, said(7, 3, struct.pack("<f", 240.0)))).identify()
+    source(stream(session, sent(7, 3, struct.pack("<f", 240.0)))).identify()
 
 
 @pytest.mark.parametrize(
     "packet",
-    [said(2, 0x7F, b"no cameras"), said(3, 1, b"no cameras"), said(50, 0x7F, b"no cameras")],
+    [sent(2, 0x7F, b"no cameras"), sent(3, 1, b"no cameras"), sent(50, 0x7F, b"no cameras")],
     ids=["error", "fatal", "type alone"],
 )
 def test_an_error_of_the_server_is_a_refusal_in_its_words(stream, packet):
@@ -281,19 +281,19 @@ def test_an_error_of_the_server_is_a_refusal_in_its_words(stream, packet):
 
 
 def test_an_error_on_id_0_is_ignored(stream):
-    source(stream(GREETING, said(0, 0x7F, b"no cameras"), text(4, INITIALIZED))).identify()
+    source(stream(GREETING, sent(0, 0x7F, b"no cameras"), text(4, INITIALIZED))).identify()
 
 
 def test_a_stream_that_another_client_ended_says_so(started):
     device, link = started
-    link.say(frame(1), text(5, "initialized=0 streaming=0"))
+    link.feed(frame(1), text(5, "initialized=0 streaming=0"))
     device.next_frames()
     with pytest.raises(InstrumentRefused, match="ended the stream"):
         device.next_frames()
 
 
 def test_a_stream_that_is_not_granted(stream):
-    with pytest.raises(InstrumentRefused, match="streaming 1 was asked for and the server answers 0"):
+    with pytest.raises(InstrumentRefused, match="streaming 1 was requested and the server answers 0"):
         source(stream(SESSION, STOPPED)).start()
 
 
@@ -305,13 +305,13 @@ def test_a_stream_that_is_not_granted(stream):
         frame(1, marker(1, 0, 0, 0, float("nan"))),
         frame(1, marker(0x80000000, 0, 0, 0, 1)),
         frame(1, bytes(31)),
-        said(RAW << 8 | MARKERS, 0x84, marker(1, 0, 0, 0, 1), 1) + said(RAW, 0x80, b"", 2),
+        sent(RAW << 8 | MARKERS, 0x84, marker(1, 0, 0, 0, 1), 1) + sent(RAW, 0x80, b"", 2),
     ],
     ids=["id twice", "no place", "no cond", "id too large", "partial record", "another time"],
 )
 def test_a_frame_that_contradicts_itself_is_left_out_and_the_next_is_read(started, bad):
     device, link = started
-    link.say(*(frame(n, marker(n, 0, 0, 0, 1)) for n in (6, 7, 8)), bad, frame(9, marker(4, 0, 0, 0, 1)))
+    link.feed(*(frame(n, marker(n, 0, 0, 0, 1)) for n in (6, 7, 8)), bad, frame(9, marker(4, 0, 0, 0, 1)))
     assert device.next_frames().ids.tolist() == [6, 7, 8]
     with pytest.raises(GarbledReply, match="markers: "):
         device.next_frames()
@@ -322,7 +322,7 @@ def test_a_frame_that_contradicts_itself_is_left_out_and_the_next_is_read(starte
     "header",
     [
         bytes.fromhex("20 00 80 5D 04 00 00 00") + bytes(8),
-        said(RAW, 0x84)[:3]
+        sent(RAW, 0x84)[:3]
         + bytes([(256 - (0x20 + 0x84 + 0x01 + 0x40)) % 256])
         + struct.pack("<Iq", 0x400001, 0),
     ],
@@ -330,7 +330,7 @@ def test_a_frame_that_contradicts_itself_is_left_out_and_the_next_is_read(starte
 )
 def test_where_the_next_packet_cannot_be_found_the_stream_is_given_up(started, header):
     device, link = started
-    link.say(header)
+    link.feed(header)
     with pytest.raises(GarbledReply, match="given up"):
         device.next_frames()
     assert link.closed == 1

@@ -30,7 +30,7 @@ def errors_of(genome):
 
 
 def run(afpo, generations):
-    """All that was asked for, generation after generation."""
+    """All genomes that `ask` gave, generation after generation."""
     asked = []
     for _ in range(generations):
         asked.append(afpo.ask())
@@ -53,14 +53,14 @@ class Watched:
 def test_the_first_generation_is_random_and_all_of_it_stays():
     afpo = engine()
     genomes = afpo.ask()
-    told = afpo.tell([errors_of(genome) for genome in genomes])
-    assert [member.genome for member in told] == genomes
-    assert afpo.population == told
+    evaluated = afpo.tell([errors_of(genome) for genome in genomes])
+    assert [member.genome for member in evaluated] == genomes
+    assert afpo.population == evaluated
     assert afpo.generation == 0
-    assert [(member.id, member.age, member.made_by) for member in told] == [
+    assert [(member.id, member.age, member.made_by) for member in evaluated] == [
         (n, 0, "random") for n in range(6)
     ]
-    assert [member.errors_m for member in told] == [errors_of(genome) for genome in genomes]
+    assert [member.errors_m for member in evaluated] == [errors_of(genome) for genome in genomes]
     assert all(TWO.met_by(genome) for genome in genomes)
 
 
@@ -71,10 +71,10 @@ def test_a_generation_is_all_but_one_children_and_a_newcomer():
     genomes = afpo.ask()
     assert len(genomes) == 6
     assert len(watched.parents) == 5
-    told = afpo.tell([errors_of(genome) for genome in genomes])
-    assert [member.made_by for member in told] == ["near"] * 5 + ["random"]
-    assert [member.id for member in told] == list(range(6, 12))
-    assert told[-1].age == 0
+    evaluated = afpo.tell([errors_of(genome) for genome in genomes])
+    assert [member.made_by for member in evaluated] == ["near"] * 5 + ["random"]
+    assert [member.id for member in evaluated] == list(range(6, 12))
+    assert evaluated[-1].age == 0
     assert len(afpo.population) == 6
 
 
@@ -82,12 +82,12 @@ def test_everybody_grows_older_by_one_a_generation():
     afpo = engine()
     run(afpo, 3)
     ages = {member.id: member.age for member in afpo.population}
-    told = run_one(afpo)
+    evaluated = run_one(afpo)
     assert {member.id: member.age - 1 for member in afpo.population if member.id in ages} == {
         member.id: ages[member.id] for member in afpo.population if member.id in ages
     }
     assert any(member.id in ages for member in afpo.population)
-    assert {member.age for member in told} <= {age + 1 for age in ages.values()} | {0}
+    assert {member.age for member in evaluated} <= {age + 1 for age in ages.values()} | {0}
 
 
 def run_one(afpo):
@@ -99,9 +99,9 @@ def families(afpo, watched):
     """One generation's children, each with the ages of its parents, as these stand while it is made."""
     genomes = afpo.ask()
     ages = {member.genome: member.age for member in afpo.population}
-    told = afpo.tell([errors_of(genome) for genome in genomes])
+    evaluated = afpo.tell([errors_of(genome) for genome in genomes])
     pairs = watched.parents[-5:]
-    return [(child, ages[one], ages[two]) for child, (one, two) in zip(told, pairs, strict=False)]
+    return [(child, ages[one], ages[two]) for child, (one, two) in zip(evaluated, pairs, strict=False)]
 
 
 @pytest.mark.parametrize("made_by", ["near", "crossover", "random"])
@@ -177,7 +177,9 @@ def test_where_all_fail_the_search_goes_on():
 def test_asking_twice_without_telling_is_refused():
     afpo = engine()
     afpo.ask()
-    with pytest.raises(EvolveError, match="6 genomes are waiting: tell their errors before asking again"):
+    with pytest.raises(
+        EvolveError, match=r"6 genomes are waiting: give their errors to tell\(\) before the next ask\(\)"
+    ):
         afpo.ask()
     with pytest.raises(EvolveError, match="6 genomes are waiting"):
         _ = afpo.state
@@ -187,13 +189,13 @@ def test_asking_twice_without_telling_is_refused():
 def test_an_error_that_is_not_finite_is_refused_and_a_right_one_taken_after_that(wrong):
     afpo = engine()
     genomes = afpo.ask()
-    with pytest.raises(EvolveError, match="tell None for a sheet that failed"):
+    with pytest.raises(EvolveError, match="give None for a sheet that failed"):
         afpo.tell([(1e-3, wrong)] + [(1e-3, 1e-3)] * 5)
     afpo.tell([errors_of(genome) for genome in genomes])
     assert afpo.generation == 0
 
 
-def test_telling_too_few_or_unasked_is_refused():
+def test_too_few_errors_or_errors_before_ask_are_refused():
     afpo = engine()
     with pytest.raises(EvolveError, match="0 results for 0 genomes"):
         afpo.tell([])

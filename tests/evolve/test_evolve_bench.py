@@ -85,8 +85,8 @@ def test_every_method_asks_for_the_same_number_of_layouts_and_tells_its_way(
 
     baselines.print_summary(runs)
     baselines.print_runs(runs)
-    told = capsys.readouterr().out
-    assert told.count("| AFPO |") == told.count("| NSGA-II (pymoo) |") == 2
+    printed = capsys.readouterr().out
+    assert printed.count("| AFPO |") == printed.count("| NSGA-II (pymoo) |") == 2
 
     bench("hypervolume_plot").write_plot(tmp_path / "a.png", baselines.by_method(runs), "a budget")
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
@@ -133,11 +133,11 @@ def test_two_layouts_with_the_same_fibers_are_one(bench: Any) -> None:
 
 def test_random_search_learns_nothing_and_keeps_the_constraints(bench: Any) -> None:
     baselines = bench("evolve_baselines")
-    told, untold = (baselines.RandomSearch(5, LIMITS, seed=2) for _ in range(2))
-    told.ask(), untold.ask()
-    told.tell([(1e-3, 1e-3)] * 5)
-    untold.tell([None] * 5)
-    assert (genomes := told.ask()) == untold.ask()
+    taught, untaught = (baselines.RandomSearch(5, LIMITS, seed=2) for _ in range(2))
+    taught.ask(), untaught.ask()
+    taught.tell([(1e-3, 1e-3)] * 5)
+    untaught.tell([None] * 5)
+    assert (genomes := taught.ask()) == untaught.ask()
     assert all(LIMITS.met_by(genome) for genome in genomes)
 
 

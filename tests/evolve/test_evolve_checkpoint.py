@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from evolve_doubles import settings
 
-from evolve.checkpoint import Checkpoint, GenerationRecord, load_checkpoint, save_checkpoint, write_whole
+from evolve.checkpoint import Checkpoint, GenerationRecord, load_checkpoint, save_checkpoint, write_atomically
 from evolve.errors import EvolveError
 from evolve.evaluation import Counts
 from evolve.front import Front
@@ -90,16 +90,16 @@ def test_a_changed_digit_anywhere_in_the_body_is_refused_or_says_the_same(path, 
 
 
 def test_a_changed_age_is_refused_by_the_checksum(path):
-    told = json.loads(path.read_bytes())
-    told["body"]["state"]["population"][0]["age"] += 1
-    path.write_text(json.dumps(told))
+    data = json.loads(path.read_bytes())
+    data["body"]["state"]["population"][0]["age"] += 1
+    path.write_text(json.dumps(data))
     assert "its checksum does not fit" in refused(path)
 
 
 def test_a_checkpoint_without_a_body_is_refused(path):
-    told = json.loads(path.read_bytes())
-    del told["body"]
-    path.write_text(json.dumps(told))
+    data = json.loads(path.read_bytes())
+    del data["body"]
+    path.write_text(json.dumps(data))
     assert "its checksum does not fit" in refused(path)
 
 
@@ -121,13 +121,13 @@ def test_a_file_that_is_no_json_is_refused(path, content):
 
 @pytest.mark.parametrize("version", [0, 2, "1", None])
 def test_another_version_is_refused_by_its_number(path, version):
-    told = json.loads(path.read_bytes())
-    told["version"] = version
-    path.write_text(json.dumps(told))
+    data = json.loads(path.read_bytes())
+    data["version"] = version
+    path.write_text(json.dumps(data))
     assert f"the checkpoint is of version {version}, this program reads version 1" in refused(path)
 
 
-def test_a_file_that_cannot_be_read_is_told_so(tmp_path):
+def test_a_file_that_cannot_be_read_is_refused(tmp_path):
     with pytest.raises(EvolveError, match=r"missing\.json: cannot be read: No such file"):
         load_checkpoint(tmp_path / "missing.json", RUN)
     with pytest.raises(EvolveError, match="cannot be read: Is a directory"):
@@ -142,11 +142,11 @@ def test_a_writing_that_fails_leaves_the_file_before_and_no_open_file(path, chec
 
     monkeypatch.setattr(os, "fsync", full)
     for _ in range(3):
-        with pytest.raises(OSError, match="No space left") as told:
-            write_whole(path, b"new")
-        assert told.value.filename == str(path)
+        with pytest.raises(OSError, match="No space left") as raised:
+            write_atomically(path, b"new")
+        assert raised.value.filename == str(path)
     assert path.read_bytes() == before
-    # What is left of the new one would take up the room that is wanted.
+    # What is left of the new one would take up the room that is needed.
     assert list(path.parent.iterdir()) == [path]
     assert load_checkpoint(path, RUN) == checkpoint
     assert open_descriptors() == open_files
@@ -157,7 +157,7 @@ def test_what_is_written_is_on_the_disk_before_it_has_its_name(tmp_path, monkeyp
     path.write_bytes(b"old")
     seen = []
     monkeypatch.setattr(os, "fsync", lambda _: seen.append(path.read_bytes()))
-    write_whole(path, b"new")
+    write_atomically(path, b"new")
     # First the content, under another name; then the folder, which has the new name.
     assert seen == [b"old", b"new"]
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]

@@ -27,8 +27,8 @@ def test_an_end_off_the_sheet_is_named():
         ("inside the disc", (1,))
     ]
     (violation,) = ONE.violations((fiber("top", (0, 0), (13, 13)),))
-    assert "fiber 0" in violation.words
-    assert "(0, 0)" in violation.words
+    assert "fiber 0" in violation.message
+    assert "(0, 0)" in violation.message
 
 
 def test_a_short_fiber_along_the_rim_may_not_leave_the_sheet_between_its_ends():
@@ -37,7 +37,7 @@ def test_a_short_fiber_along_the_rim_may_not_leave_the_sheet_between_its_ends():
     assert leaving.cells == ((18, 26), (19, 26), (20, 25))
     (violation,) = short.violations((fiber("top", (13, 3), (13, 23)), leaving))
     assert (violation.constraint, violation.fibers) == ("inside the disc", (1,))
-    assert "(19, 26)" in violation.words
+    assert "(19, 26)" in violation.message
 
 
 @pytest.mark.parametrize("geometry", [PUBLISHED, CENTRED], ids=["published", "centred"])
@@ -53,8 +53,8 @@ def test_twelve_pitches_are_long_enough_and_less_is_not():
         ("shortest fiber", (1,))
     ]
     (violation,) = ONE.violations((fiber("top", (6, 13), (17, 13)),))
-    assert "55.0 mm" in violation.words
-    assert "60 mm" in violation.words
+    assert "55.0 mm" in violation.message
+    assert "60 mm" in violation.message
 
 
 @pytest.mark.parametrize("face", ["top", "bottom"])
@@ -64,8 +64,8 @@ def test_a_third_fiber_over_a_cell_is_refused_on_either_face(face):
     assert blamed(ONE, *across[:2], apart) == []
     assert blamed(ONE, apart, *across) == [("fibers over a cell", (1, 2, 3))]
     (violation,) = ONE.violations((apart, *across))
-    assert face in violation.words
-    assert "(13, 13)" in violation.words
+    assert face in violation.message
+    assert "(13, 13)" in violation.message
 
 
 def test_fibers_of_two_faces_do_not_cross():
@@ -96,7 +96,7 @@ def test_a_pattern_that_no_fiber_serves_is_named():
     two = Constraints(PUBLISHED, 2)
     (violation,) = two.violations((fiber("top", (13, 3), (13, 23), 0),))
     assert violation.constraint == "every pattern"
-    assert "pattern 1" in violation.words
+    assert "pattern 1" in violation.message
     assert blamed(two) == [("every pattern", ())] * 2
     assert blamed(two, fiber("top", (13, 3), (13, 23), 0, 1)) == []
 
@@ -114,7 +114,7 @@ def test_a_shared_fiber_serves_any_patterns_but_none_and_an_exclusive_one_serves
     assert blamed(shared, first, second, fiber("top", (13, 5), (13, 21), -1)) == [("jamming", (2,))]
 
 
-def test_all_violations_are_told_not_the_first():
+def test_all_violations_are_listed_not_only_the_first():
     genome = (fiber("top", (0, 0), (3, 3)), *(fiber("bottom", (i, 10), (i + 1, 16)) for i in range(5, 12)))
     assert Counter(name for name, _ in blamed(Constraints(PUBLISHED, 2), *genome)) == {
         "inside the disc": 2,
@@ -125,7 +125,7 @@ def test_all_violations_are_told_not_the_first():
 
 
 @pytest.mark.parametrize(
-    ("impossible", "told"),
+    ("impossible", "expected"),
     [
         ({"min_length_m": 0.150}, ["150 mm", f"{1e3 * longest_fiber_m(PUBLISHED):.1f} mm"]),
         ({"min_length_m": 0.0}, ["0 mm"]),
@@ -139,11 +139,11 @@ def test_all_violations_are_told_not_the_first():
     ],
     ids=str,
 )
-def test_constraints_that_nothing_can_meet_are_refused_with_both_values(impossible, told):
+def test_constraints_that_nothing_can_meet_are_refused_with_both_values(impossible, expected):
     with pytest.raises(EvolveError) as refused:
         Constraints(**{"geometry": PUBLISHED, "patterns": 1} | impossible)
-    for words in told:
-        assert words in str(refused.value)
+    for part in expected:
+        assert part in str(refused.value)
 
 
 def test_what_just_fits_is_not_refused():

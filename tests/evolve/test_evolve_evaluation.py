@@ -40,7 +40,7 @@ def test_pattern_by_pattern_against_its_own_target():
 def test_equal_maps_are_simulated_once_within_a_generation_and_ever_after():
     pool = Scripted()
     scorer = evaluation(pool)
-    # Jammed alike in both patterns: one map; the same fibers in another order: the same maps.
+    # Jammed equally in both patterns: one map; the same fibers in another order: the same maps.
     first = scorer.errors_m([(BOTH,), (TOP, BOTTOM), (BOTTOM, TOP)])
     assert first == [(1e-3, 2e-3)] * 3
     assert len(pool.asked) == 3
@@ -68,10 +68,10 @@ def test_simulating_is_timed():
 
 
 def test_a_stop_comes_through_and_nothing_is_taken_for_known():
-    wanted = [True]
-    scorer = evaluation(FormulaPool(), lambda: wanted[0])
+    stop = [True]
+    scorer = evaluation(FormulaPool(), lambda: stop[0])
     with pytest.raises(SearchStopped):
         scorer.errors_m([(TOP, BOTTOM)])
-    wanted[0] = False
+    stop[0] = False
     assert scorer.errors_m([(TOP, BOTTOM)])
     assert scorer.counts.layouts == 1

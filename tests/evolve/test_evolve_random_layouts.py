@@ -90,7 +90,7 @@ def test_the_same_seed_draws_the_same_layout_and_another_another():
     assert one != other
 
 
-def test_what_no_draw_meets_is_told_by_its_name():
+def test_the_constraint_that_no_draw_meets_is_named():
     # Fibers as long as the sheet all cross its middle: few a face have room, and eight targets need eight.
     longest_m = longest_fiber_m(PUBLISHED)
     constraints = Constraints(PUBLISHED, 8, "exclusive", min_length_m=longest_m, fibers_over_a_cell=1)

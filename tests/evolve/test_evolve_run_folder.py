@@ -53,8 +53,8 @@ def test_a_run_begins_in_a_new_folder_and_is_found_again(tmp_path):
     with folder.locked():
         folder.begin(settings(), 5)
     assert folder.begun
-    told, generations = folder.load()
-    assert told.digest == settings().digest
+    loaded, generations = folder.load()
+    assert loaded.digest == settings().digest
     assert generations == 5
     assert folder.checkpoint() is None
 
@@ -67,7 +67,7 @@ def test_a_checkpoint_is_kept_and_found_again(folder, checkpoint):
 def test_another_run_in_the_folder_is_refused(folder, checkpoint):
     folder.save(settings(), checkpoint)
     before = contents(folder.path)
-    with folder.locked(), pytest.raises(EvolveError, match="holds another run: go on with it by --resume"):
+    with folder.locked(), pytest.raises(EvolveError, match="holds another run: continue it with --resume"):
         folder.begin(settings(seed=2), 9)
     assert contents(folder.path) == before
 
@@ -128,7 +128,7 @@ def test_a_path_that_cannot_be_a_folder_is_refused(tmp_path):
     assert (tmp_path / "file").read_text() == "text"
 
 
-def test_a_folder_without_a_run_is_told_so(tmp_path):
+def test_a_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(EvolveError, match=r"holds no run \(no run\.json\)"):
         RunFolder(tmp_path).load()
     with pytest.raises(EvolveError, match="holds no run"):
@@ -154,8 +154,8 @@ def test_a_run_json_that_is_none_is_refused_and_left(folder, content, words):
 
 def test_a_longer_run_keeps_its_settings(folder):
     folder.lengthen(12)
-    told, generations = folder.load()
-    assert (told.digest, generations) == (settings().digest, 12)
+    loaded, generations = folder.load()
+    assert (loaded.digest, generations) == (settings().digest, 12)
 
 
 def test_a_checkpoint_of_other_settings_is_refused(folder, checkpoint):

@@ -37,10 +37,10 @@ def whole():
         return run(settings())
 
 
-def test_one_checkpoint_a_generation_kept_before_it_is_told(whole):
+def test_one_checkpoint_a_generation_kept_before_it_is_yielded(whole):
     kept = []
-    for told in search(settings(), 3, FormulaPool(), kept.append, count().__next__):
-        assert kept[-1] is told
+    for checkpoint in search(settings(), 3, FormulaPool(), kept.append, count().__next__):
+        assert kept[-1] is checkpoint
     assert [each.state.generation for each in kept] == [0, 1, 2]
     assert [len(each.records) for each in kept] == [1, 2, 3]
     assert [each.state.population for each in kept] == [each.state.population for each in whole[:3]]
@@ -140,7 +140,7 @@ def test_the_random_layouts_are_drawn_apart_from_the_search(whole, monkeypatch):
     assert len(whole[-1].random_m) <= 10
 
 
-def test_where_no_random_layout_has_a_shape_it_is_told():
+def test_a_search_whose_random_layouts_have_no_shape_is_refused():
     class AllFail(FormulaPool):
         def score(self, maps, stopped):
             return [MapScore(None, "made to fail") for _ in maps]
@@ -164,7 +164,7 @@ def test_a_generation_of_failures_alone_is_a_record_without_numbers():
 
 @pytest.mark.parametrize("crowding", ["contribution", "twins"])
 @pytest.mark.parametrize("patterns", [1, 3])
-def test_one_target_and_three_are_searched_alike(patterns, crowding):
+def test_one_target_and_three_are_searched(patterns, crowding):
     of = settings(patterns=patterns, crowding=crowding, population=10)
     checkpoints = run(of, 6, FormulaPool(patterns))
     volumes = [record.hypervolume for record in checkpoints[-1].records]

@@ -83,7 +83,7 @@ def test_the_nondominated_are_the_oracle_s_in_their_order():
 
 
 @pytest.mark.parametrize("crowding", ["contribution", "twins"])
-def test_survivors_are_as_many_as_wanted_and_the_nondominated_go_last(crowding):
+def test_survivors_are_as_many_as_requested_and_the_nondominated_go_last(crowding):
     rng = SEEDED(12)
     for members in crowds(250):
         size = int(rng.integers(1, len(members) + 1))
@@ -171,7 +171,7 @@ def test_contribution_is_the_hypervolume_of_age_and_errors_in_shares_of_their_ra
         assert survivors(crowd, size, "contribution", SEEDED(seed)) == front
 
 
-def test_by_twins_the_worse_of_two_alike_goes():
+def test_by_twins_the_worse_of_two_near_ones_goes():
     apart = [member(0, 9, 5.0, 1.0), member(1, 9, 1.0, 5.0)]
     # Alike to 0.1 mm in both errors, not in age; (1 + 2.09)(1 + 2.0) is the larger product.
     twins = [member(2, 3, 2.0, 2.05), member(3, 2, 2.09, 2.0)]
@@ -183,7 +183,7 @@ def test_by_twins_the_worse_of_two_alike_goes():
 
 def test_without_twins_any_one_may_go():
     row = [member(n, 4, float(n), 9.0 - n) for n in range(4)]
-    # 0.1 mm apart in one error is not alike.
+    # 0.1 mm apart in one error is not near.
     assert {*ids(row)} == {
         n for seed in range(40) for n in set(range(4)) - set(ids(survivors(row, 3, "twins", SEEDED(seed))))
     }

@@ -89,14 +89,14 @@ def test_nothing_that_is_kept_is_left_out_of_the_list():
     """A new field of the settings needs a line above, so that it is known to reach the digest."""
     names = set(settings_to_json(BASE)) | set(settings_to_json(BASE)["constraints"])
     names |= set(settings_to_json(BASE)["physics"]) | set(settings_to_json(BASE)["scoring"])
-    told = {"targets", "notes", "physics", "scoring", "constraints", "patterns"}
-    assert names - told <= set(CHANGES)
+    apart = {"targets", "notes", "physics", "scoring", "constraints", "patterns"}
+    assert names - apart <= set(CHANGES)
     assert set(Settings.__dataclass_fields__) == {
         *("problem", "constraints", "seed", "population", "crowding", "variation", "notes")
     }
 
 
-def test_the_same_settings_search_alike():
+def test_equal_settings_search_equally():
     one, same = BASE.engine(), through_a_file(BASE).engine()
     assert one.ask() == same.ask()
     for engine in (one, same):
@@ -114,14 +114,14 @@ def test_the_same_settings_search_alike():
         ("one rate", ["near (0.3 / 0.31)"]),
     ],
 )
-def test_differences_are_told_by_name_with_both_values(changed, words):
+def test_differences_are_named_with_both_values(changed, words):
     assert differences(BASE, replace(BASE, **CHANGES[changed])) == words
 
 
-def test_other_targets_are_told_by_their_names():
-    (told,) = differences(BASE, replace(BASE, **CHANGES["a target"]))
-    assert "monkey saddle" in told
-    assert "sphere cap" in told
+def test_other_targets_are_named():
+    (difference,) = differences(BASE, replace(BASE, **CHANGES["a target"]))
+    assert "monkey saddle" in difference
+    assert "sphere cap" in difference
 
 
 def test_targets_and_patterns_must_be_as_many():
@@ -131,17 +131,17 @@ def test_targets_and_patterns_must_be_as_many():
 
 @pytest.mark.parametrize("left_out", ["targets", "physics", "constraints", "seed", "rates"])
 def test_settings_with_a_part_missing_are_refused(left_out):
-    told = settings_to_json(BASE)
-    del told[left_out]
+    data = settings_to_json(BASE)
+    del data[left_out]
     with pytest.raises(EvolveError, match=f"not those of a run .KeyError: '{left_out}'"):
-        settings_from_json(told)
+        settings_from_json(data)
 
 
 def test_settings_with_a_field_that_is_not_known_are_refused():
-    told = settings_to_json(BASE)
-    told["physics"]["gravity"] = 9.81
+    data = settings_to_json(BASE)
+    data["physics"]["gravity"] = 9.81
     with pytest.raises(EvolveError, match="gravity"):
-        settings_from_json(told)
+        settings_from_json(data)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ def test_a_setting_of_another_type_is_refused(name, value):
     ],
 )
 def test_a_part_of_another_type_is_refused(part, name, value):
-    told = settings_to_json(BASE)
-    told[part][name] = value
+    data = settings_to_json(BASE)
+    data[part][name] = value
     with pytest.raises(EvolveError):
-        settings_from_json(told)
+        settings_from_json(data)

@@ -7,7 +7,7 @@ import pytest
 from evolve.genome import FiberGene
 from labctl.design_search.fiber_list import fiber_list
 from labctl.design_search.layout_shape import LayoutShape
-from labctl.design_search.pick import found_by, picks_of
+from labctl.design_search.pick import all_picks, front_members
 from labctl.report.search.fibers import fiber_figure, number_places_mm
 from labctl.report.search.front import front_figure
 from labctl.report.search.progress import progress_figure
@@ -19,7 +19,7 @@ CHANNELS = range(1, 33)
 
 
 def front_axes(*runs):
-    figure = front_figure(runs, found_by(runs), picks_of(runs))
+    figure = front_figure(runs, front_members(runs), all_picks(runs))
     return figure, [axes for axes in figure.axes if axes.get_xlabel()]
 
 
@@ -50,7 +50,7 @@ def test_both_faces_are_drawn_in_the_sheet_frame_seen_from_the_top():
     assert bottom.get_title() == "bottom face, seen through the sheet from the top"
 
 
-def test_jammed_and_unjammed_fibers_are_told_apart_without_colour():
+def test_jammed_and_unjammed_fibers_are_distinct_without_colour():
     figure = fiber_figure(fiber_list(made_run.GENOME, PUBLISHED, CHANNELS), 0, "saddle")
     lines = lines_of(figure.axes[0])
 

@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 import made_run
 import pytest
 
-from labctl.design_search.pick import picks_of
+from labctl.design_search.pick import all_picks
 from labctl.errors import BadInput
 from labctl.report.search.page import evolution_page, write_evolution_page
 from labctl.report.search.text import duration, searched_for
@@ -30,12 +30,12 @@ class Seen(HTMLParser):
 
 
 def page_of(*runs):
-    return evolution_page(runs, picks_of(runs))
+    return evolution_page(runs, all_picks(runs))
 
 
 def test_a_page_holds_everything_in_itself(tmp_path):
     runs = [made_run.run((0.0, 10.0), (0.1, 6.0), (1.0, 0.0), notes={"versions": {"labctl": "7.8.9"}})]
-    write_evolution_page(tmp_path / "index.html", runs, picks_of(runs))
+    write_evolution_page(tmp_path / "index.html", runs, all_picks(runs))
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     seen = Seen(page)
 
@@ -84,7 +84,7 @@ def test_seeds_of_one_search_share_a_page():
     assert "28" in seen.text
 
 
-def test_a_run_that_this_program_does_not_reproduce_is_told_so():
+def test_a_run_that_this_program_does_not_reproduce_is_reported():
     seen = Seen(page_of(made_run.run((1.0,), names=("saddle",))))
 
     assert "but the run found 1.000 mm" in seen.text
@@ -94,22 +94,22 @@ def test_runs_of_different_searches_have_no_page(tmp_path):
     runs = [made_run.run((1.0, 4.0)), made_run.run((2.0, 2.0), seed=2, names=("saddle", "other"))]
 
     with pytest.raises(BadInput, match="not seeds of one search"):
-        write_evolution_page(tmp_path / "index.html", runs, picks_of(runs))
+        write_evolution_page(tmp_path / "index.html", runs, all_picks(runs))
     assert not list(tmp_path.iterdir())
 
 
 def test_the_head_says_what_is_out_of_the_ordinary():
     run = made_run.run((1.0, 4.0))
     constraints = replace(run.settings.constraints, representation="exclusive", valves=16)
-    told = dict(searched_for([replace(run, settings=replace(run.settings, constraints=constraints))]))
+    facts = dict(searched_for([replace(run, settings=replace(run.settings, constraints=constraints))]))
 
-    assert told["representation"] == "exclusive: each fiber is jammed for one target"
-    assert "16 valves" in told["constraints"]
-    assert told["target 2"] == "monkey (equation)"
+    assert facts["representation"] == "exclusive: each fiber is jammed for one target"
+    assert "16 valves" in facts["constraints"]
+    assert facts["target 2"] == "monkey (equation)"
 
 
 @pytest.mark.parametrize(
-    ("seconds", "told"), [(42.6, "43 s"), (59.7, "1 min 0 s"), (725, "12 min 5 s"), (11_220, "3 h 7 min")]
+    ("seconds", "shown"), [(42.6, "43 s"), (59.7, "1 min 0 s"), (725, "12 min 5 s"), (11_220, "3 h 7 min")]
 )
-def test_durations_are_for_people(seconds, told):
-    assert duration(seconds).replace("\u00a0", " ") == told
+def test_durations_are_for_people(seconds, shown):
+    assert duration(seconds).replace("\u00a0", " ") == shown

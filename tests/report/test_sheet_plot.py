@@ -72,7 +72,7 @@ def test_the_title_says_what_is_not_as_published(slanted):
     assert figure._suptitle.get_text().endswith("\na jammed fiber bends with 137.8 kPa")
 
 
-def test_jammed_and_unjammed_above_and_underneath_are_told_apart_without_colour(slanted):
+def test_jammed_and_unjammed_above_and_underneath_are_distinct_without_colour(slanted):
     (legend,) = sheet_figure(slanted).legends
     jammed, idle = legend.get_lines()
 

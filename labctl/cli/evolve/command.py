@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from labctl.cli.evolve.options import (
-    CHOICES,
+    SETTING_OPTIONS,
     SearchOptions,
-    choices_of,
     flag,
     is_given,
+    parse_seeds,
     search_options,
-    seeds_of,
+    search_request,
 )
 from labctl.cli.evolve.progress import Progress
-from labctl.cli.evolve.show import pick, show, stopped_before_the_page, tell_runs
+from labctl.cli.evolve.show import pick, print_runs, show, stopped_before_the_page
 from labctl.cli.interrupts import stop_on_signals
 from labctl.cli.rigs import design_option, json_option
 from labctl.errors import BadInput, Stopped
@@ -34,140 +34,140 @@ if TYPE_CHECKING:
 @search_options
 @design_option
 @json_option
-def evolve(as_json: bool, **options: Any) -> None:  # noqa: ANN401 - click's values, as SearchOptions types them
+def evolve(as_json: bool, **values: Any) -> None:  # noqa: ANN401 - click's values, as SearchOptions types them
     """Search for fiber layouts that reach several shapes from one sheet.
 
-    Each generation is kept in the run's folder; Ctrl-C, or worse, loses the one in progress only.
+    Each generation is kept in the run's folder; Ctrl-C, or a crash, loses the one in progress only.
     """
     subcommand = click.get_current_context().invoked_subcommand
     if subcommand is not None:
-        if given := [name for name in (*options, "as_json") if is_given(name)]:
+        if given := [name for name in (*values, "as_json") if is_given(name)]:
             raise click.UsageError(
                 f"{flag(given[0])} stands before {subcommand}: write it behind, if it is one of its own"
             )
         return
-    wanted = SearchOptions(**options)
-    if wanted.out_path is None:
+    options = SearchOptions(**values)
+    if options.out_path is None:
         raise click.UsageError("name the run's folder: --out runs/a")
-    if wanted.cluster is not None and wanted.workers is not None:
+    if options.cluster is not None and options.workers is not None:
         raise click.UsageError("--workers are of this machine, --cluster is another: give one of them")
 
     from labctl.design_search.errors import lab_errors
     from sim.warm import compile_kernels
 
     with stop_on_signals(doing="stopping at the last finished generation") as stop, lab_errors():
-        settings = _found_settings(wanted, wanted.out_path) if wanted.resume else _new_settings(wanted)
+        settings = _resumed_settings(options, options.out_path) if options.resume else _new_settings(options)
         physics = settings[0].problem.physics
-        compile_kernels(_say, physics.solver, physics.precision)
+        compile_kernels(_notify, physics.solver, physics.precision)
         # The workers first: a cluster that does not answer must leave no folder behind.
-        with _pool(settings[0].problem, wanted) as pool:
-            _search(_planned(wanted, wanted.out_path, settings), pool, stop, as_json)
+        with _pool(settings[0].problem, options) as pool:
+            _search(_planned_runs(options, options.out_path, settings), pool, stop, as_json)
     if stop.asked:
-        raise stopped_before_the_page(wanted.out_path)
-    tell_runs(wanted.out_path, as_json, published=False)
+        raise stopped_before_the_page(options.out_path)
+    print_runs(options.out_path, as_json, published=False)
 
 
 evolve.add_command(show)
 evolve.add_command(pick)
 
 
-def _new_settings(wanted: SearchOptions) -> "list[Settings]":
+def _new_settings(options: SearchOptions) -> "list[Settings]":
     """The settings of the runs to begin, one a seed."""
-    from labctl.design_search.search_request import settings_of
+    from labctl.design_search.search_request import search_settings
 
-    if wanted.targets is None:
+    if options.targets is None:
         raise click.UsageError("name the shapes: --targets cylinder,sphere")
-    seeds = seeds_of(wanted)
-    first = settings_of(choices_of(wanted), seeds[0], _compile)
+    seeds = parse_seeds(options)
+    first = search_settings(search_request(options), seeds[0], _compile)
     return [replace(first, seed=seed) for seed in seeds]
 
 
-def _found_settings(wanted: SearchOptions, out_path: Path) -> "list[Settings]":
-    """The settings of the runs to go on with."""
-    from labctl.design_search.run_search import seeds_of as seeds_of_runs
+def _resumed_settings(options: SearchOptions, out_path: Path) -> "list[Settings]":
+    """The settings of the runs to resume."""
+    from labctl.design_search.run_search import requested_seeds
     from labctl.design_search.search_request import other_program
-    from labctl.design_search.search_run import check_seeds_of_one, run_folders
+    from labctl.design_search.search_run import check_equal_settings, run_folders
 
     folders = run_folders(out_path)
     if not folders:
         raise BadInput(f"{out_path}: holds no run to resume: begin one without --resume")
     found = [(folder.path, folder.load()[0]) for folder in folders]
-    check_seeds_of_one(found)
+    check_equal_settings(found)
     first = found[0][1]
-    _check_same(wanted, first, seeds_of_runs(out_path, found))
+    _check_same(options, first, requested_seeds(out_path, found))
     if differ := other_program(first):
-        _say(f"the run was begun by another program ({differ}): it may not find the same any more")
+        _notify(f"the run was begun by another program ({differ}): it may not find the same any more")
     return [settings for _, settings in found]
 
 
-def _planned(wanted: SearchOptions, out_path: Path, settings: "list[Settings]") -> "list[PlannedRun]":
+def _planned_runs(options: SearchOptions, out_path: Path, settings: "list[Settings]") -> "list[PlannedRun]":
     from labctl.design_search.run_search import begin_runs, resume_runs
 
-    if wanted.resume:
-        return resume_runs(out_path, wanted.generations if is_given("generations") else None)
-    return begin_runs(out_path, settings, wanted.generations)
+    if options.resume:
+        return resume_runs(out_path, options.generations if is_given("generations") else None)
+    return begin_runs(out_path, settings, options.generations)
 
 
-def _check_same(wanted: SearchOptions, first: "Settings", seeds: list[int]) -> None:
+def _check_same(options: SearchOptions, first: "Settings", seeds: list[int]) -> None:
     """Options repeated beside --resume must be the run's own."""
     from evolve.settings import differences
-    from labctl.design_search.search_request import other_notes, settings_of
+    from labctl.design_search.search_request import other_notes, search_settings
 
-    given = [name for name in CHOICES if is_given(name)]
+    given = [name for name in SETTING_OPTIONS if is_given(name)]
     if not given:
         return
-    if wanted.targets is None:
+    if options.targets is None:
         raise click.UsageError(
-            f"--resume goes on with the settings of the run: leave {flag(given[0])} out, or repeat the whole command"
+            f"--resume uses the settings of the run: leave {flag(given[0])} out, or repeat the whole command"
         )
-    if sorted(seeds_of(wanted)) != seeds:
+    if sorted(parse_seeds(options)) != seeds:
         raise BadInput(
-            f"{wanted.out_path}: the run has the seeds {', '.join(map(str, seeds))}: leave them out"
+            f"{options.out_path}: the run has the seeds {', '.join(map(str, seeds))}: leave them out"
         )
-    asked = settings_of(choices_of(wanted), first.seed, _compile)
-    if differ := differences(asked, first) + other_notes(asked, first):
+    requested = search_settings(search_request(options), first.seed, _compile)
+    if differ := differences(requested, first) + other_notes(requested, first):
         raise BadInput(
-            f"{wanted.out_path}: holds a run with other settings, asked / there: {'; '.join(differ)}: leave them "
-            "out, or begin another run in another folder"
+            f"{options.out_path}: holds a run with other settings, requested / there: {'; '.join(differ)}: leave "
+            "them out, or begin another run in another folder"
         )
 
 
-def _pool(problem: "Problem", wanted: SearchOptions) -> "Pool":
+def _pool(problem: "Problem", options: SearchOptions) -> "Pool":
     import os
 
-    if wanted.cluster is not None:
+    if options.cluster is not None:
         from evolve.workers.cluster import Cluster
 
-        return Cluster(problem, wanted.cluster)
+        return Cluster(problem, options.cluster)
     from evolve.workers.local import Here, Processes
 
-    workers = wanted.workers or len(os.sched_getaffinity(0))
+    workers = options.workers or len(os.sched_getaffinity(0))
     return Here(problem) if workers == 1 else Processes(problem, workers)
 
 
 def _search(planned: "list[PlannedRun]", pool: "Pool", stop: StopRequest, as_json: bool) -> None:
     from evolve.errors import SearchStopped
-    from labctl.design_search.run_search import carry_on
+    from labctl.design_search.run_search import continue_run
 
     with Progress(quiet=as_json) as progress:
         for run in planned:
             begun = progress.begin(run)
             try:
-                for checkpoint in carry_on(run, pool, time.monotonic, lambda: stop.asked):
+                for checkpoint in continue_run(run, pool, time.monotonic, lambda: stop.asked):
                     begun(checkpoint)
                     if stop.asked:
                         raise SearchStopped
             except SearchStopped as error:
                 raise Stopped(
-                    "stopped; every finished generation is kept: go on with labctl evolve --resume --out ..."
+                    "stopped; every finished generation is kept: continue with labctl evolve --resume --out ..."
                 ) from error
 
 
 def _compile(solver: str, precision: str) -> None:
     from sim.warm import compile_kernels
 
-    compile_kernels(_say, solver, precision)  # type: ignore[arg-type]
+    compile_kernels(_notify, solver, precision)  # type: ignore[arg-type]
 
 
-def _say(text: str) -> None:
+def _notify(text: str) -> None:
     click.echo(f"labctl: {text}", err=True)

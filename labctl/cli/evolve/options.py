@@ -1,4 +1,4 @@
-"""What `labctl evolve` can be asked for, and the choices that follow from it."""
+"""The options of `labctl evolve`, and the request that follows from them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 GENERATIONS = 300
 # A seed is part of a folder's name.
 _SEED_DIGITS = 18
-# The options that say what is searched for and how; all others say where it runs and what is told.
-CHOICES = (
+# The options that decide a search's result; all others are of where it runs and what is shown.
+SETTING_OPTIONS = (
     "targets",
     "design_name",
     "representation",
@@ -40,7 +40,7 @@ CHOICES = (
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """What the command line asks for."""
+    """The options as given on the command line."""
 
     targets: str | None
     out_path: Path | None
@@ -67,57 +67,63 @@ class SearchOptions:
 
 _OPTIONS = (
     click.option(
-        "--targets", help="The shapes: cylinder,sphere or saddle,monkey-saddle, or as simulate --target."
+        "--targets", help="Target shapes: cylinder,sphere or saddle,monkey-saddle, or as simulate --target."
     ),
-    click.option("--out", "out_path", type=NonEmptyPath(), help="The run's folder, new or empty."),
+    click.option("--out", "out_path", type=NonEmptyPath(), help="Folder of the run, new or empty."),
     click.option(
-        "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Of all random numbers."
+        "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Seed of all random numbers."
     ),
-    click.option("--seeds", help="Several independent runs, one after the other: 1,2,3."),
+    click.option("--seeds", help="Seeds of several independent runs, one after the other: 1,2,3."),
     click.option(
-        "--generations", type=click.IntRange(min=1), default=GENERATIONS, show_default=True, help="In all."
+        "--generations",
+        type=click.IntRange(min=1),
+        default=GENERATIONS,
+        show_default=True,
+        help="Number of generations, those already done included.",
     ),
     click.option(
         "--population",
         type=click.IntRange(2, 10_000),
         default=100,
         show_default=True,
-        help="Layouts in each.",
+        help="Number of layouts in each generation.",
     ),
     click.option(
         "--representation",
         type=click.Choice(["shared", "exclusive"]),
         default="shared",
         show_default=True,
-        help="A fiber may serve several shapes, or one only, as published.",
+        help="Let a fiber serve several shapes (shared), or one only, as published (exclusive).",
     ),
     click.option(
         "--fibers-per-face",
         type=click.IntRange(min=1),
         default=6,
         show_default=True,
-        help="At most, of all shapes together.",
+        help="Most fibers on a face, those of all shapes together.",
     ),
-    click.option("--min-length", default="60 mm", show_default=True, help="The shortest fiber."),
+    click.option(
+        "--min-length", default="60 mm", show_default=True, help="Length of the shortest fiber allowed."
+    ),
     click.option(
         "--rig",
         "rig_path",
         type=click.Path(path_type=Path),
-        help="The rig whose valves there are.  [default: a board of 32]",
+        help="rig.toml whose valve channels the fibers get.  [default: a board of 32]",
     ),
     click.option(
         "--scoring",
         type=click.Choice(["default", "published"]),
         default="default",
         show_default=True,
-        help="e_s at rest over all columns, or as published: whole mm, bottom layer, published protocol.",
+        help="Score e_s at rest over all columns, or as published: whole mm, bottom layer, published protocol.",
     ),
     click.option(
         "--surface",
         type=click.Choice(["top", "bottom", "mid"]),
         default="top",
         show_default=True,
-        help="The surface that is scored.",
+        help="Surface of the sheet that is scored.",
     ),
     click.option(
         "--alignment",
@@ -126,23 +132,27 @@ _OPTIONS = (
         show_default=True,
         help="Score heights as they stand, or shifted by the median difference.",
     ),
-    click.option("--rates", help="The operators' shares: near=0.5,count=0.2; others are off."),
-    click.option("--without", multiple=True, help="Switch an operator off; may be repeated."),
+    click.option("--rates", help="Rates of the operators, as shares: near=0.5,count=0.2; others are off."),
+    click.option("--without", multiple=True, help="Operator to switch off; may be repeated."),
     click.option(
         "--crowding",
         type=click.Choice(["contribution", "twins"]),
         default="contribution",
         show_default=True,
-        help="Who goes when the front alone is too many: the least hypervolume, or near-twins, as published.",
+        help="Which layouts go when the front alone is too many: of least hypervolume, or near-twins, as published.",
     ),
     click.option(
         "--preset",
         type=click.Choice(["published"]),
-        help="All of the paper's way: exclusive, its operators, crowding and scoring.",
+        help="Search as the paper did: exclusive, its operators, crowding and scoring.",
     ),
-    click.option("--workers", type=click.IntRange(min=1), help="Processes.  [default: one for each core]"),
-    click.option("--cluster", help="Simulate on a Dask cluster: its scheduler's address, tcp://HOST:8786."),
-    click.option("--resume", is_flag=True, help="Go on with the run in --out; --generations may be more."),
+    click.option(
+        "--workers",
+        type=click.IntRange(min=1),
+        help="Number of worker processes.  [default: one for each core]",
+    ),
+    click.option("--cluster", help="Address of a Dask cluster's scheduler to simulate on, tcp://HOST:8786."),
+    click.option("--resume", is_flag=True, help="Continue the run in --out; --generations may be more."),
 )
 
 
@@ -153,8 +163,8 @@ def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-def choices_of(wanted: SearchOptions) -> "SearchRequest":
-    """The choices in the evolution's own terms; a preset gives way to what is named beside it.
+def search_request(options: SearchOptions) -> "SearchRequest":
+    """The complete request; a preset gives way to what is named beside it.
 
     Raises:
         BadInput: a length, a rate or an operator that is none.
@@ -165,20 +175,20 @@ def choices_of(wanted: SearchOptions) -> "SearchRequest":
     from labctl.design_search.search_request import PUBLISHED, SearchRequest, parse_rates
 
     try:
-        min_length_mm = to_unit(wanted.min_length, LENGTH)
+        min_length_mm = to_unit(options.min_length, LENGTH)
     except BadInput as error:
-        raise BadInput(f"--min-length {wanted.min_length!r} {error}") from None
-    rates = dict(DEFAULT_RATES) if wanted.rates is None else parse_rates(wanted.rates)
+        raise BadInput(f"--min-length {options.min_length!r} {error}") from None
+    rates = dict(DEFAULT_RATES) if options.rates is None else parse_rates(options.rates)
     chosen: dict[str, Any] = {
-        "representation": wanted.representation,
-        "scoring": wanted.scoring,
-        "surface": wanted.surface,
+        "representation": options.representation,
+        "scoring": options.scoring,
+        "surface": options.surface,
         "rates": rates,
-        "crowding": wanted.crowding,
+        "crowding": options.crowding,
     }
-    if wanted.preset is not None:
+    if options.preset is not None:
         chosen |= {name: value for name, value in PUBLISHED.items() if not is_given(name)}
-    for name in wanted.without:
+    for name in options.without:
         if name not in OPERATORS:
             raise BadInput(f"--without {name!r}: there is no such operator; use {', '.join(OPERATORS)}")
         chosen["rates"] = chosen["rates"] | {name: 0.0}
@@ -190,33 +200,33 @@ def choices_of(wanted: SearchOptions) -> "SearchRequest":
                 raise click.UsageError(f"{flag(name)}: the published scoring has its own; leave it out")
         chosen["surface"] = "bottom"
     return SearchRequest(
-        targets=str(wanted.targets),
-        design=wanted.design_name,
-        population=wanted.population,
-        fibers_per_face=wanted.fibers_per_face,
+        targets=str(options.targets),
+        design=options.design_name,
+        population=options.population,
+        fibers_per_face=options.fibers_per_face,
         min_length_mm=min_length_mm,
-        rig=None if wanted.rig_path is None else str(wanted.rig_path),
-        alignment=wanted.alignment,  # type: ignore[arg-type]
+        rig=None if options.rig_path is None else str(options.rig_path),
+        alignment=options.alignment,  # type: ignore[arg-type]
         **chosen,
     )
 
 
-def seeds_of(wanted: SearchOptions) -> list[int]:
+def parse_seeds(options: SearchOptions) -> list[int]:
     """The seeds of the runs, one or several.
 
     Raises:
         BadInput: --seeds is no list of them.
         click.UsageError: --seed is given too.
     """
-    if wanted.seeds is None:
-        return [wanted.seed]
+    if options.seeds is None:
+        return [options.seed]
     if is_given("seed"):
         raise click.UsageError("give --seed or --seeds, not both")
-    parts = [part.strip() for part in wanted.seeds.split(",")]
+    parts = [part.strip() for part in options.seeds.split(",")]
     numbers = all(part.isascii() and part.isdecimal() and len(part) <= _SEED_DIGITS for part in parts)
     if not numbers or len(set(map(int, parts))) < len(parts):
         raise BadInput(
-            f"--seeds {wanted.seeds!r}: write whole numbers from 0, of at most {_SEED_DIGITS} digits, each once, as "
+            f"--seeds {options.seeds!r}: write whole numbers from 0, of at most {_SEED_DIGITS} digits, each once, as "
             "in 1,2,3"
         )
     return [int(part) for part in parts]

@@ -32,21 +32,21 @@ class Progress:
         self._line.__exit__(kind, error, trace)
 
     def begin(self, run: "PlannedRun") -> Callable[["Checkpoint"], None]:
-        """What to tell each checkpoint of a run to."""
+        """A function that shows a checkpoint of this run."""
         from evolve.run_folder import CHECKPOINT
 
         # What the random layouts score is in the first checkpoint.
         begun = (run.folder.path / CHECKPOINT).exists()
-        first = "going on from the last checkpoint" if begun else "100 random layouts first"
+        first = "continuing from the last checkpoint" if begun else "100 random layouts first"
         self._line.show(f"seed {run.settings.seed}: {first}")
 
-        def tell(checkpoint: "Checkpoint") -> None:
+        def show(checkpoint: "Checkpoint") -> None:
             generation = checkpoint.state.generation
             last = generation + 1 >= run.generations
             if self._line.live or last or generation % _EVERY == 0:
                 self._line.show(describe(checkpoint, run))
 
-        return tell
+        return show
 
 
 def describe(checkpoint: "Checkpoint", run: "PlannedRun") -> str:

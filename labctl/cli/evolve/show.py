@@ -1,4 +1,4 @@
-"""`labctl evolve show` and `labctl evolve pick`: what a run found, and a design of it to build."""
+"""`labctl evolve show` and `labctl evolve pick`: the results of a run, and a design of it to build."""
 
 import os
 import time
@@ -34,30 +34,34 @@ _HEAD = "Evolved for "
 @click.option(
     "--published",
     is_flag=True,
-    help="Score the members in the table the published way too; half a second a sheet.",
+    help="Score the members in the table also as published; half a second a sheet.",
 )
 @json_option
 def show(run: Path, published: bool, as_json: bool) -> None:
-    """What a run, or the runs of its seeds, found; writes the page that shows it, index.html."""
+    """Show the results of a run, or of the runs of its seeds, and write their page, index.html."""
     from labctl.design_search.errors import lab_errors
 
     with lab_errors():
-        tell_runs(run, as_json, published=published)
+        print_runs(run, as_json, published=published)
 
 
 @click.command()
 @click.argument("run", type=NonEmptyPath())
-@click.option("--out", "out_path", type=NonEmptyPath(), help="The design file.  [default: RUN/RULE.toml]")
+@click.option(
+    "--out", "out_path", type=NonEmptyPath(), help="Design file to write.  [default: RUN/RULE.toml]"
+)
 @click.option(
     "--rule",
     type=click.Choice(_RULES),
     default="paper",
     show_default=True,
-    help="Smallest sum of errors above random layouts', or the knee of the front.",
+    help="Rule to pick by: smallest sum of errors less random layouts' mean (paper), or the knee of the front.",
 )
-@click.option("--member", type=click.IntRange(min=0), help="Instead: the member of the front with this id.")
+@click.option("--member", type=click.IntRange(min=0), help="Id of the member of the front to pick instead.")
 @click.option(
-    "--seed", type=click.IntRange(min=0), help="Of which run, if there are several.  [default: the best]"
+    "--seed",
+    type=click.IntRange(min=0),
+    help="Seed of the run to pick from, if there are several.  [default: all together]",
 )
 @json_option
 def pick(
@@ -82,13 +86,13 @@ def pick(
             if not runs:
                 raise BadInput(f"{run}: has no run of seed {seed}, only of {', '.join(known)}")
         if member is not None and len(runs) > 1:
-            raise BadInput(f"{run}: has several runs: say by --seed whose member {member} is meant")
+            raise BadInput(f"{run}: has several runs: name by --seed the run whose member {member} is meant")
         of_run, chosen = _chosen(runs, rule, member)
-    said = "the smallest sum of errors" if rule == "paper" else "the knee of the front"
-    said = f"member {member}" if member is not None else said
+    basis = "the smallest sum of errors" if rule == "paper" else "the knee of the front"
+    basis = f"member {member}" if member is not None else basis
     errors = _format_errors(of_run.settings, chosen)
     remarks = [
-        f"{_HEAD}{', '.join(target.name for target in of_run.settings.problem.targets)}: {said} of seed "
+        f"{_HEAD}{', '.join(target.name for target in of_run.settings.problem.targets)}: {basis} of seed "
         f"{of_run.settings.seed}, generation {of_run.checkpoint.state.generation + 1}, member {chosen.id}.",
         f"Errors in simulation, e_s: {errors}.",
     ]
@@ -99,15 +103,15 @@ def pick(
     if as_json:
         emit_json({"design": str(path), "seed": of_run.settings.seed, **_member(of_run.settings, chosen)})
         return
-    click.echo(f"{said} of seed {of_run.settings.seed}, member {chosen.id}: {errors}")
+    click.echo(f"{basis} of seed {of_run.settings.seed}, member {chosen.id}: {errors}")
     pattern = of_run.settings.problem.targets[0].name
     click.echo(f"written: {path}; next: labctl inflate --design {path} --pattern {pattern}")
 
 
-def tell_runs(path: Path, as_json: bool, *, published: bool) -> None:
-    """Tell what the runs of a folder found, and write their page."""
+def print_runs(path: Path, as_json: bool, *, published: bool) -> None:
+    """Print the results of the runs of a folder, and write their page."""
     try:
-        _tell_runs(path, as_json, published=published)
+        _print_runs(path, as_json, published=published)
     except KeyboardInterrupt:
         raise Stopped(
             f"stopped; the run is kept as it was: labctl evolve show {path} draws its page"
@@ -119,36 +123,36 @@ def stopped_before_the_page(path: Path) -> Stopped:
     return Stopped(f"stopped; the run is kept as it is: labctl evolve show {path} draws its page")
 
 
-def _tell_runs(path: Path, as_json: bool, *, published: bool) -> None:
-    from labctl.design_search.pick import picks_of
+def _print_runs(path: Path, as_json: bool, *, published: bool) -> None:
+    from labctl.design_search.pick import all_picks
     from labctl.design_search.search_run import load_runs
     from labctl.report.search.page import write_evolution_page
 
     runs = load_runs(path)
     rescored = _rescored(runs) if published else [None] * len(runs)
     page = path / _PAGE
-    picks = picks_of(runs)
+    picks = all_picks(runs)
     try:
         write_evolution_page(page, runs, picks)
     except BadInput as error:
-        # What was found needs no page.
+        # The results need no page.
         if not as_json:
-            _tell_all(runs, rescored)
+            _print_tables(runs, rescored)
         raise LabError(f"{error}; the run is kept: mend that, then labctl evolve show {path}") from error
     if as_json:
-        told = [_for_machines(run, each) for run, each in zip(runs, rescored, strict=True)]
-        emit_json({"runs": told, "page": str(page)})
+        results = [_run_to_json(run, each) for run, each in zip(runs, rescored, strict=True)]
+        emit_json({"runs": results, "page": str(page)})
         return
-    _tell_all(runs, rescored)
+    _print_tables(runs, rescored)
     click.echo(f"page: {page}")
 
 
-def _tell_all(runs: "list[SearchRun]", rescored: "Sequence[tuple[Member, ...] | None]") -> None:
+def _print_tables(runs: "list[SearchRun]", rescored: "Sequence[tuple[Member, ...] | None]") -> None:
     for run, each in zip(runs, rescored, strict=True):
-        _tell(run, each)
+        _print_table(run, each)
 
 
-def _tell(run: "SearchRun", rescored: "tuple[Member, ...] | None") -> None:
+def _print_table(run: "SearchRun", rescored: "tuple[Member, ...] | None") -> None:
     settings, checkpoint = run.settings, run.checkpoint
     now = checkpoint.records[-1]
     names = [target.name for target in settings.problem.targets]
@@ -189,16 +193,16 @@ def _shown(run: "SearchRun") -> "list[Member]":
 
 def _picks(run: "SearchRun") -> dict[int, str]:
     """The ids of the members that the rules pick, and the rules."""
-    from labctl.design_search.pick import picks_of
+    from labctl.design_search.pick import all_picks
 
-    return {pick.found.member.id: " and ".join(pick.rules) for pick in picks_of([run])}
+    return {pick.chosen.member.id: " and ".join(pick.rules) for pick in all_picks([run])}
 
 
-def _for_machines(run: "SearchRun", rescored: "tuple[Member, ...] | None") -> dict[str, Any]:
-    from labctl.design_search.pick import pick_of
+def _run_to_json(run: "SearchRun", rescored: "tuple[Member, ...] | None") -> dict[str, Any]:
+    from labctl.design_search.pick import picked_member
 
     now = run.checkpoint.records[-1]
-    told: dict[str, Any] = {
+    result: dict[str, Any] = {
         "folder": str(run.folder),
         "seed": run.settings.seed,
         "targets": [target.name for target in run.settings.problem.targets],
@@ -213,11 +217,11 @@ def _for_machines(run: "SearchRun", rescored: "tuple[Member, ...] | None") -> di
         "sheets_per_second": now.counts.simulated / now.seconds,
         "hypervolume": now.hypervolume,
         "front": [_member(run.settings, member) for member in run.checkpoint.front.members],
-        "picks": {rule: _member(run.settings, pick_of([run], rule).member) for rule in _RULES},
+        "picks": {rule: _member(run.settings, picked_member([run], rule).member) for rule in _RULES},
     }
     if rescored is not None:
-        told["published"] = [_member(run.settings, member) for member in rescored]
-    return told
+        result["published"] = [_member(run.settings, member) for member in rescored]
+    return result
 
 
 def _member(settings: "Settings", member: "Member") -> dict[str, Any]:
@@ -240,20 +244,20 @@ def _millimetres(member: "Member") -> list[str]:
     return [f"{1e3 * error_m:.2f}" for error_m in member.errors_m or ()]
 
 
-def _chosen(runs: "list[SearchRun]", rule: "Rule", wanted: int | None) -> "tuple[SearchRun, Member]":
+def _chosen(runs: "list[SearchRun]", rule: "Rule", member_id: int | None) -> "tuple[SearchRun, Member]":
     """A member by its id, or by the rule from the fronts of all runs together."""
-    if wanted is None:
-        from labctl.design_search.pick import pick_of
+    if member_id is None:
+        from labctl.design_search.pick import picked_member
 
-        found = pick_of(runs, rule)
-        return found.run, found.member
+        picked = picked_member(runs, rule)
+        return picked.run, picked.member
     (run,) = runs
     for member in run.checkpoint.front.members:
-        if member.id == wanted:
+        if member.id == member_id:
             return run, member
     known = ", ".join(str(member.id) for member in run.checkpoint.front.members[:8])
     raise BadInput(
-        f"{run.folder}: member {wanted} is not on the front; use one of {known} ... (labctl evolve show)"
+        f"{run.folder}: member {member_id} is not on the front; use one of {known} ... (labctl evolve show)"
     )
 
 

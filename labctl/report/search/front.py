@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from evolve.choose import Rule
-from labctl.design_search.pick import Found, Pick
+from labctl.design_search.pick import FrontMember, Pick
 from labctl.design_search.search_run import SearchRun
 from labctl.report.picture_style import shortened
 from labctl.report.sheet.panels import COLOURS
@@ -35,7 +35,7 @@ _LEAST_SPAN_MM = 0.05
 class _Cloud:
     """What is drawn, in mm: the fronts (n, targets), random layouts (m, targets), and the picks."""
 
-    found: Sequence[Found]
+    members: Sequence[FrontMember]
     names: Sequence[str]
     seeds: Sequence[int]
     picks: Sequence[Pick]
@@ -56,12 +56,12 @@ class _Cloud:
         return Normalize(lowest - _LEAST_SPAN_MM, highest + _LEAST_SPAN_MM)
 
 
-def front_figure(runs: Sequence[SearchRun], found: Sequence[Found], picks: Sequence[Pick]) -> Figure:
+def front_figure(runs: Sequence[SearchRun], members: Sequence[FrontMember], picks: Sequence[Pick]) -> Figure:
     """The fronts' errors: two panels a pair of targets, all of it and the front near by; one target, a strip."""
-    front_mm = np.array([each.errors_mm for each in found])
+    front_mm = np.array([each.errors_mm for each in members])
     random_mm = 1e3 * np.array([errors_m for run in runs for errors_m in run.checkpoint.random_m])
     seeds = [run.settings.seed for run in runs]
-    cloud = _Cloud(found, runs[0].targets, seeds, picks, front_mm, random_mm)
+    cloud = _Cloud(members, runs[0].targets, seeds, picks, front_mm, random_mm)
     bar_aspect = 20
     if len(cloud.names) == 1:
         figure = Figure(figsize=_STRIP_IN, layout="constrained")
@@ -91,7 +91,7 @@ def _draw_pair(axes: Axes, cloud: _Cloud, pair: tuple[int, int], near: bool) -> 
     mean_mm = cloud.random_mm.mean(axis=0)
     axes.axvline(mean_mm[x], color="black", linestyle=":", zorder=1)
     axes.axhline(mean_mm[y], color="black", linestyle=":", zorder=1)
-    _draw_found(axes, cloud, cloud.front_mm[:, x], cloud.front_mm[:, y])
+    _draw_front(axes, cloud, cloud.front_mm[:, x], cloud.front_mm[:, y])
     for at, label in ((x, "x"), (y, "y")):
         axes.set(**{f"{label}lim": _limits(cloud, at, near)})
     axes.set_xlabel(f"{shortened(cloud.names[x], _LONGEST_NAME)}: error, mm", parse_math=False)
@@ -99,7 +99,7 @@ def _draw_pair(axes: Axes, cloud: _Cloud, pair: tuple[int, int], near: bool) -> 
     axes.set_title("the front, near by" if near else "the front and the random layouts")
     axes.grid(alpha=0.25)
     _mark_picks(
-        axes, cloud, [(pick.found.errors_mm[x], pick.found.errors_mm[y]) for pick in cloud.picks], near
+        axes, cloud, [(pick.chosen.errors_mm[x], pick.chosen.errors_mm[y]) for pick in cloud.picks], near
     )
 
 
@@ -107,17 +107,17 @@ def _draw_strip(axes: Axes, cloud: _Cloud) -> None:
     heights = 1.0 + 0.5 * (np.arange(len(cloud.random_mm)) * 0.618034 % 1.0 - 0.5)
     axes.scatter(cloud.random_mm[:, 0], heights, s=26, color=_RANDOM, alpha=0.45, linewidths=0)
     axes.axvline(cloud.random_mm.mean(), color="black", linestyle=":", zorder=1)
-    _draw_found(axes, cloud, cloud.front_mm[:, 0], np.zeros(len(cloud.front_mm)))
+    _draw_front(axes, cloud, cloud.front_mm[:, 0], np.zeros(len(cloud.front_mm)))
     axes.set(yticks=[0, 1], yticklabels=["the best found", "random layouts"], ylim=(-0.6, 1.5))
     axes.set(xlim=_limits(cloud, 0, near=False))
     axes.set_xlabel(f"{shortened(cloud.names[0], _LONGEST_NAME)}: error, mm", parse_math=False)
     axes.grid(axis="x", alpha=0.25)
-    _mark_picks(axes, cloud, [(pick.found.errors_mm[0], 0.0) for pick in cloud.picks], labelled=True)
+    _mark_picks(axes, cloud, [(pick.chosen.errors_mm[0], 0.0) for pick in cloud.picks], labelled=True)
 
 
-def _draw_found(axes: Axes, cloud: _Cloud, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> None:
+def _draw_front(axes: Axes, cloud: _Cloud, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> None:
     for n, seed in enumerate(cloud.seeds):
-        of_seed = np.array([each.run.settings.seed == seed for each in cloud.found])
+        of_seed = np.array([each.run.settings.seed == seed for each in cloud.members])
         axes.scatter(
             x_mm[of_seed],
             y_mm[of_seed],
@@ -177,19 +177,19 @@ def _handles(cloud: _Cloud) -> list[Line2D]:
     def mark(label: str, marker: str, **how: float | str) -> Line2D:
         return Line2D([], [], linestyle="none", label=label, marker=marker, **how)  # type: ignore[arg-type]
 
-    found = []
+    handles = []
     for n, seed in enumerate(cloud.seeds):
         label = f"front of seed {seed}" if len(cloud.seeds) > 1 else "front"
         marker = _MARKERS[n % len(_MARKERS)]
-        found.append(mark(label, marker, markerfacecolor="#bbb58a", markeredgecolor="black", markersize=10))
-    found.append(mark("random layouts", "o", color=_RANDOM, markersize=6))
-    found.append(Line2D([], [], color="black", linestyle=":", label="their mean errors"))
+        handles.append(mark(label, marker, markerfacecolor="#bbb58a", markeredgecolor="black", markersize=10))
+    handles.append(mark("random layouts", "o", color=_RANDOM, markersize=6))
+    handles.append(Line2D([], [], color="black", linestyle=":", label="their mean errors"))
     for pick in cloud.picks:
-        told = " / ".join(f"{error_mm:.2f}" for error_mm in pick.found.errors_mm)
+        errors = " / ".join(f"{error_mm:.2f}" for error_mm in pick.chosen.errors_mm)
         for rule in pick.rules:
             marker, colour, _ = _PICKED[rule]
-            label = f"pick ({rule}): {told} mm"
-            found.append(
+            label = f"pick ({rule}): {errors} mm"
+            handles.append(
                 mark(label, marker, fillstyle="none", color=colour, markersize=13, markeredgewidth=3)
             )
-    return found
+    return handles

@@ -7,7 +7,7 @@ from pathlib import Path
 from labctl.atomic_file import atomic_file
 from labctl.design_search.fiber_list import fiber_list
 from labctl.design_search.layout_shape import LayoutShape, layout_shapes
-from labctl.design_search.pick import Pick, found_by
+from labctl.design_search.pick import Pick, front_members
 from labctl.design_search.search_run import SearchRun, check_one_search
 from labctl.report.page import Table, filled_in
 from labctl.report.picture_style import picture_style, picture_uri
@@ -70,7 +70,7 @@ def evolution_page(runs: Sequence[SearchRun], picks: Sequence[Pick]) -> str:
         BadInput: no layout with a shape.
         LabError: a picked design has no shape any more with this program.
     """
-    found = found_by(runs)
+    members = front_members(runs)
     with picture_style():
         return filled_in(
             "evolution.html",
@@ -81,22 +81,22 @@ def evolution_page(runs: Sequence[SearchRun], picks: Sequence[Pick]) -> str:
             runs=runs_table(runs),
             searched_for=searched_for(runs),
             progress=picture_uri(progress_figure(runs)),
-            front=picture_uri(front_figure(runs, found, picks)),
-            front_table=front_table(runs, found, picks),
+            front=picture_uri(front_figure(runs, members, picks)),
+            front_table=front_table(runs, members, picks),
             offset=runs[0].settings.problem.scoring.alignment == "offset",
             designs=[_shown(pick) for pick in picks],
         )
 
 
 def _shown(pick: Pick) -> _PickShown:
-    run, member = pick.found.run, pick.found.member
+    run, member = pick.chosen.run, pick.chosen.member
     problem = run.settings.problem
     fibers = fiber_list(member.genome, problem.physics.geometry, run.channels)
     shapes = layout_shapes(problem, member.genome)
     return _PickShown(
         " and ".join(pick.rules),
         tuple(RULE_WORDS[rule] for rule in pick.rules),
-        tuple((name, f"{error:.3f}") for name, error in zip(run.targets, pick.found.errors_mm, strict=True)),
+        tuple((name, f"{error:.3f}") for name, error in zip(run.targets, pick.chosen.errors_mm, strict=True)),
         fibers_table(fibers, run.targets),
         tuple(
             (name, picture_uri(fiber_figure(fibers, pattern, name)))

@@ -82,8 +82,8 @@ def _draw_over_runs(
     for line in lines:
         axes.plot(line, color=colour, linewidth=0.9, alpha=0.55)
     shared = np.array([line[: min(map(len, lines))] for line in lines])
-    told = f"{label}, mean ± sd of {len(lines)} seeds"
-    _draw_band(axes, shared.mean(axis=0), shared.std(axis=0, ddof=1), colour, told)
+    label_of_mean = f"{label}, mean ± sd of {len(lines)} seeds"
+    _draw_band(axes, shared.mean(axis=0), shared.std(axis=0, ddof=1), colour, label_of_mean)
 
 
 def _draw_band(

@@ -1,4 +1,4 @@
-"""A run of the evolution in words and tables: what was searched for, what it took, what was found."""
+"""A search as text and tables: what was searched for, what it took, what came out."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from evolve.choose import Rule
 from evolve.settings import Settings
 from labctl.design_search.fiber_list import ListedFiber
-from labctl.design_search.pick import Found, Pick
+from labctl.design_search.pick import FrontMember, Pick
 from labctl.design_search.search_run import SearchRun
 from labctl.report.page import Table
 from labctl.report.picture_style import shortened
@@ -22,7 +22,7 @@ RULE_WORDS: Mapping[Rule, str] = {
 
 
 def searched_for(runs: Sequence[SearchRun]) -> list[tuple[str, str]]:
-    """What was searched for and how, as (name, words)."""
+    """What was searched for and how, as (name, text)."""
     settings = runs[0].settings
     problem, constraints = settings.problem, settings.constraints
     rates = ", ".join(f"{name} {rate:g}" for name, rate in settings.variation.rates.items() if rate > 0)
@@ -44,7 +44,7 @@ def searched_for(runs: Sequence[SearchRun]) -> list[tuple[str, str]]:
         ("physics", _physics(settings)),
         ("search", f"population {settings.population}, crowding by {settings.crowding}; {rates}"),
         ("seeds", ", ".join(str(run.settings.seed) for run in runs)),
-        *((name, _told(settings.notes[name])) for name in _SHOWN_NOTES if name in settings.notes),
+        *((name, _format_note(settings.notes[name])) for name in _SHOWN_NOTES if name in settings.notes),
     ]
 
 
@@ -88,11 +88,11 @@ def picks_table(runs: Sequence[SearchRun], picks: Sequence[Pick]) -> Table:
     rows = tuple(
         (
             "; ".join(RULE_WORDS[rule] for rule in pick.rules),
-            *_errors(pick.found),
-            f"{sum(pick.found.errors_mm):.3f}",
-            _fibers(pick.found),
-            str(pick.found.run.settings.seed),
-            str(pick.found.member.id),
+            *_errors(pick.chosen),
+            f"{sum(pick.chosen.errors_mm):.3f}",
+            _fibers(pick.chosen),
+            str(pick.chosen.run.settings.seed),
+            str(pick.chosen.member.id),
         )
         for pick in picks
     )
@@ -131,9 +131,9 @@ def runs_table(runs: Sequence[SearchRun]) -> Table:
     return Table(head, tuple(rows))
 
 
-def front_table(runs: Sequence[SearchRun], found: Sequence[Found], picks: Sequence[Pick]) -> Table:
+def front_table(runs: Sequence[SearchRun], members: Sequence[FrontMember], picks: Sequence[Pick]) -> Table:
     """The fronts of all runs; picked rows are marked."""
-    rules = {id(pick.found.member): " and ".join(pick.rules) for pick in picks}
+    rules = {id(pick.chosen.member): " and ".join(pick.rules) for pick in picks}
     several = len(runs) > 1
     head = (
         "pick",
@@ -154,7 +154,7 @@ def front_table(runs: Sequence[SearchRun], found: Sequence[Found], picks: Sequen
             _fibers(each),
             str(each.member.id),
         )
-        for each in found
+        for each in members
     )
     return Table(head, rows, frozenset(n for n, row in enumerate(rows) if row[0]))
 
@@ -183,21 +183,21 @@ def _short(runs: Sequence[SearchRun]) -> list[str]:
     return [shortened(name, _LONGEST_NAME) for name in runs[0].targets]
 
 
-def _errors(found: Found) -> tuple[str, ...]:
-    return tuple(f"{error_mm:.3f}" for error_mm in found.errors_mm)
+def _errors(chosen: FrontMember) -> tuple[str, ...]:
+    return tuple(f"{error_mm:.3f}" for error_mm in chosen.errors_mm)
 
 
-def _fibers(found: Found) -> str:
-    top = sum(fiber.face == "top" for fiber in found.member.genome)
-    return f"{len(found.member.genome)} ({top} + {len(found.member.genome) - top})"
+def _fibers(chosen: FrontMember) -> str:
+    top = sum(fiber.face == "top" for fiber in chosen.member.genome)
+    return f"{len(chosen.member.genome)} ({top} + {len(chosen.member.genome) - top})"
 
 
 def _generations(runs: Sequence[SearchRun]) -> str:
     # The first generation has the number 0.
     done = [run.checkpoint.state.generation + 1 for run in runs]
-    wanted = sorted({run.generations for run in runs})
+    planned = sorted({run.generations for run in runs})
     each = f"{done[0]}" if len(set(done)) == 1 else f"{min(done)} to {max(done)}"
-    return f"{each} of {' or '.join(map(str, wanted))}"
+    return f"{each} of {' or '.join(map(str, planned))}"
 
 
 def _representation(settings: Settings) -> str:
@@ -242,9 +242,9 @@ def _physics(settings: Settings) -> str:
     )
 
 
-def _told(value: Any) -> str:  # noqa: ANN401 - notes are whatever JSON holds
+def _format_note(value: Any) -> str:  # noqa: ANN401 - notes are whatever JSON holds
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_told(part)}" for name, part in value.items())
+        return ", ".join(f"{name} {_format_note(part)}" for name, part in value.items())
     if isinstance(value, (list, tuple)):
-        return ", ".join(map(_told, value))
+        return ", ".join(map(_format_note, value))
     return str(value)

@@ -102,7 +102,7 @@ def _cells(
 def _elements(
     subject: Subject, surface_mm: NDArray[np.float64], places_mm: NDArray[np.float64]
 ) -> tuple[Stiffener, ...]:
-    """Elements as lines; those that go on from one another are one line, so that its dashes go through."""
+    """Elements as lines; those that continue one another are one line, so that its dashes go through."""
     lines: list[tuple[FaceElement, list[tuple[int, int]]]] = []
     for element in subject.sheet.face_elements:
         if lines and _goes_on(*lines[-1], element):
@@ -118,5 +118,5 @@ def _elements(
 
 
 def _goes_on(first: FaceElement, columns: list[tuple[int, int]], element: FaceElement) -> bool:
-    alike = (first.face, first.jammed) == (element.face, element.jammed)
-    return alike and columns[-1] == element.start
+    same_kind = (first.face, first.jammed) == (element.face, element.jammed)
+    return same_kind and columns[-1] == element.start

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from labctl.report.sheet.drawing import SheetDrawing
 from labctl.report.sheet.stiffener_style import style
 
-# Perceptually uniform, and the same to people who see red and green alike.
+# Perceptually uniform, also with red-green colour blindness.
 COLOURS = "cividis"
 # The whole sheet in the sheet frame, with a margin.
 SHOWN_MM = (-6.0, 146.0)
@@ -44,7 +44,7 @@ class HeightRange:
 
     @property
     def scale(self) -> str:
-        """The same as `times`, in words."""
+        """The same as `times`, as text."""
         return "to scale" if self.times == 1 else f"z drawn {self.times} times larger"
 
     @property
@@ -67,7 +67,7 @@ class HeightRange:
 
 
 def draw_surface(axes: Any, drawing: SheetDrawing, heights: HeightRange) -> None:  # noqa: ANN401 - untyped Axes3D
-    """The surface in space, in a 3D axes, to scale in x and y; z as much larger as `heights` says."""
+    """The surface in space, in a 3D axes, to scale in x and y; z enlarged as `heights` states."""
     surface = drawing.surface_mm
     squares = np.stack([surface[:-1, :-1], surface[1:, :-1], surface[1:, 1:], surface[:-1, 1:]], axis=2)
     quads = squares.reshape(-1, 4, 3)

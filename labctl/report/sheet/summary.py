@@ -31,17 +31,17 @@ def facts(simulated: Simulated) -> dict[str, Any]:
 
 def headline(simulated: Simulated) -> str:
     """The same in a few lines for people."""
-    told = facts(simulated)
-    lines = [f"{told['of']}: {told['solver']}, {told['steps']} steps, {told['voxels']} voxels"]
+    known = facts(simulated)
+    lines = [f"{known['of']}: {known['solver']}, {known['steps']} steps, {known['voxels']} voxels"]
     if not simulated.subject.known_cut:
         lines.append(
             f"of no known cut: its places are those of the {simulated.subject.cut.name} cut, "
             f"centred at i = j = {simulated.subject.cut.centre:g}"
         )
-    if told["strain"] is not None:
-        lines.append(f"held at linear strain {told['strain']:.5f}")
+    if known["strain"] is not None:
+        lines.append(f"held at linear strain {known['strain']:.5f}")
     lines += unpublished_physics(simulated)
-    lowest, highest = _rounded(told["lowest_mm"], 2), _rounded(told["highest_mm"], 2)
+    lowest, highest = _rounded(known["lowest_mm"], 2), _rounded(known["highest_mm"], 2)
     lines.append(f"top face from {lowest} to {highest} mm above its place at rest")
     return "\n".join(lines)
 
@@ -49,10 +49,10 @@ def headline(simulated: Simulated) -> str:
 def unpublished_physics(simulated: Simulated) -> list[str]:
     """One line on how the fibers are not taken as published, for people; none if they are."""
     sheet = simulated.subject.sheet
-    said = ["fibers as elements on the face"] if sheet.face_elements else []
+    lines = ["fibers as elements on the face"] if sheet.face_elements else []
     if (bending_pa := sheet.materials.jammed_bending_pa) is not None:
-        said.append(f"a jammed fiber bends with {bending_pa / 1e3:g} kPa")
-    return [", ".join(said)] if said else []
+        lines.append(f"a jammed fiber bends with {bending_pa / 1e3:g} kPa")
+    return [", ".join(lines)] if lines else []
 
 
 def height_table(simulated: Simulated) -> tuple[list[str], list[list[str]]]:
