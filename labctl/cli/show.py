@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +11,10 @@ from labctl.cli.group_differences import tell_comparison, tell_placements
 from labctl.cli.ledgers import ledger_option, tell
 from labctl.cli.output import emit_json, table
 from labctl.cli.rigs import json_option
+from labctl.plain_json import to_json
 
 if TYPE_CHECKING:
+    from labctl.instruments.readings import Identity
     from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
     from labctl.ledger.state import RunState
     from labctl.statistics.summary import Group
@@ -37,9 +38,8 @@ def show(run_name: str, other_name: str | None, ledger_folder: Path, as_json: bo
     RUN is its number, or 'last'. It can be asked while the run is being measured.
     """
     from labctl.ledger.ledger import Ledger
-    from labctl.measurement.codec import to_json
     from labctl.statistics.group_differences import compare_placements, compare_runs
-    from labctl.statistics.summary import summarise, summary_to_json
+    from labctl.statistics.summary import summarise
 
     with Ledger.open(ledger_folder, tell) as ledger:
         run = ledger.find(run_name)
@@ -54,9 +54,9 @@ def show(run_name: str, other_name: str | None, ledger_folder: Path, as_json: bo
         emit_json(
             {
                 **_for_machines(run, state, trials, events),
-                "summary": summary_to_json(summary),
-                "placements_compared": [to_json(group) for group in placements],
-                "against": None if compared is None else to_json(compared),
+                "summary": summary,
+                "placements_compared": placements,
+                "against": compared,
                 "raw_folder": str(raw_folder),
             }
         )
@@ -76,9 +76,9 @@ def _for_machines(
     return {
         "state": state,
         "simulated": run.simulated,
-        "run": asdict(run),
-        "trials": [asdict(trial) for trial in trials],
-        "events": [asdict(event) for event in events],
+        "run": run,
+        "trials": trials,
+        "events": events,
     }
 
 
@@ -86,7 +86,9 @@ def _tell_run(run: "RunRecord", state: "RunState", raw_folder: Path) -> None:
     if run.simulated:
         _say("SIMULATED RIG: measured on byte-level doubles, not on real instruments")
     _say(f"run {run.number}: {run.protocol}, {state}")
-    asked = "; ".join(f"{name} {_words(value)}" for name, value in run.request.items() if name != "protocol")
+    asked = "; ".join(
+        f"{name} {_words(value)}" for name, value in to_json(run.request).items() if name != "protocol"
+    )
     lines = {
         "begun": f"{run.begun.wall} by {run.operator or 'nobody named'}",
         "note": run.note,
@@ -104,14 +106,14 @@ def _tell_run(run: "RunRecord", state: "RunState", raw_folder: Path) -> None:
             _say(f"  {name.ljust(width)}  {text}")
 
 
-def _identity(identity: Mapping[str, Any]) -> str:
-    serial, firmware = identity.get("serial_number"), identity.get("firmware")
+def _identity(identity: "Identity") -> str:
+    serial, firmware = identity.serial_number, identity.firmware
     parts = [
-        str(identity.get("model", "model not told")),
+        identity.model,
         f"serial number {serial}" if serial else "serial number not told",
         f"firmware {firmware}" if firmware else "firmware not told",
     ]
-    return ", ".join([*parts, *identity.get("notes", ())])
+    return ", ".join([*parts, *identity.notes])
 
 
 def _tell_trials(trials: "tuple[TrialRecord, ...]") -> None:
@@ -142,7 +144,6 @@ def _tell_trials(trials: "tuple[TrialRecord, ...]") -> None:
 def _trial_cells(trial: "TrialRecord") -> tuple[str, ...]:
     from labctl.ledger.moment import seconds_between
 
-    levels = [] if trial.result is None else trial.result.get("levels", [])
     return (
         str(trial.number),
         str(trial.attempt),
@@ -150,10 +151,10 @@ def _trial_cells(trial: "TrialRecord") -> tuple[str, ...]:
         trial.pattern,
         ", ".join(f"{pressure:g}" for pressure in trial.pressures_psi),
         trial.outcome,
-        ", ".join(_or_dash(level.get("e_t_percent"), 2) for level in levels) or "-",
+        ", ".join(_or_dash(level.e_t_percent, 2) for level in trial.levels) or "-",
         trial.begun.wall[11:19],
         f"{seconds_between(trial.begun, trial.ended):.0f}",
-        "SAFE" if trial.safe.get("safe") else "NOT SAFE",
+        "SAFE" if trial.safe.safe else "NOT SAFE",
     )
 
 

@@ -99,15 +99,15 @@ def _simulate_again(run: "RunRecord") -> SimulatedAgain:
 
     if run.simulated_heights:
         compile_kernels(tell)
-    points_mm = np.array([(point["x_mm"], point["y_mm"]) for point in run.rig["markers"]["points"]])
+    points_mm = np.array([(point.x_mm, point.y_mm) for point in run.points])
     greatest_mm = 0.0
     problems: list[str] = []
     for stored in run.simulated_heights:
-        pattern, pressure_psi = stored["pattern"], stored["pressure_psi"]
+        pattern, pressure_psi = stored.pattern, stored.pressure_psi
         try:
             design = design_from_text(run.design_text, run.design_source)
             simulated = simulate_pattern(design, pattern, design.sheet.strain_at(pressure_psi))
-            apart_mm = simulated.points_mm(points_mm)[:, 2] - np.array(stored["heights_mm"])
+            apart_mm = simulated.points_mm(points_mm)[:, 2] - np.array(stored.heights_mm)
         except LabError as error:
             problems.append(f"{pattern} at {pressure_psi:g} psi cannot be simulated again: {error}")
         else:
@@ -186,12 +186,12 @@ def _for_machines(
                 "files": trial.files,
                 "recomputed": trial.recomputed,
                 "problems": trial.problems,
-                "differences": _plain(trial.differences),
+                "differences": trial.differences,
             }
             for trial in verification.trials
         ],
         "unrecorded_files": verification.unrecorded,
-        "summary": None if verification.summary is None else _plain(verification.summary),
+        "summary": verification.summary,
         "simulated_heights": {
             "agree": simulation.agrees,
             "shapes": simulation.shapes,
@@ -199,9 +199,3 @@ def _for_machines(
             "problems": simulation.problems,
         },
     }
-
-
-def _plain(differences: "Sequence[Difference]") -> list[dict[str, Any]]:
-    return [
-        {"where": each.where, "stored": each.stored, "recomputed": each.recomputed} for each in differences
-    ]

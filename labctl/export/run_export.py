@@ -18,7 +18,6 @@ from labctl.ledger.ledger import Ledger
 from labctl.ledger.raw.check import as_recorded
 from labctl.ledger.raw.recording import read_frames, read_pressures
 from labctl.ledger.records import RunRecord, TrialRecord
-from labctl.measurement.codec import basis_of, window_from_json
 from labctl.measurement.recording import lay_out
 
 Format = Literal["csv", "parquet", "c3d"]
@@ -80,11 +79,11 @@ def _write_motion(ledger: Ledger, run: RunRecord, folder: Path) -> list[str]:
             left_out.append(f"{name}: nothing was recorded")
             continue
         frames = read_frames(as_recorded(ledger.folder, trial.raw["frames"]))
-        recording = lay_out(frames, _read_pressures(ledger)(trial), basis_of(run, trial.pattern))
+        recording = lay_out(frames, _read_pressures(ledger)(trial), run.basis(trial.pattern))
         if isinstance(recording, str):
             left_out.append(f"{name}: {recording}")
             continue
-        motion = motion_of(recording, [window_from_json(window) for window in trial.windows])
+        motion = motion_of(recording, trial.windows)
         if not motion.in_sheet_frame:
             left_out.append(f"{name}: its baseline fixes no sheet frame; written in the instrument's frame")
         write_c3d(folder, f"trial-{trial.number:02d}-{trial.attempt}", motion, _said(run, trial))

@@ -8,7 +8,6 @@ import pandas as pd
 from labctl.errors import LabError
 from labctl.instruments.readings import PressureSamples
 from labctl.ledger.records import RunRecord, TrialRecord
-from labctl.measurement.codec import result_from_json
 from labctl.statistics.summary import good_trials
 from labctl.statistics.tables import calibration_table, points_table, trials_table
 
@@ -138,8 +137,7 @@ def _pressures(
 def _relaxation(run: RunRecord, trials: Sequence[TrialRecord]) -> pd.DataFrame:
     rows = []
     for trial in trials:
-        relaxation = None if trial.result is None else result_from_json(trial.result).relaxation
-        if relaxation is not None:
+        if trial.relaxation is not None:
             head = {
                 "run": run.number,
                 "trial": trial.number,
@@ -148,6 +146,6 @@ def _relaxation(run: RunRecord, trials: Sequence[TrialRecord]) -> pd.DataFrame:
             }
             rows += [
                 head | {"time_s": time_s, "height_mm": height_mm}
-                for time_s, height_mm in zip(relaxation.time_s, relaxation.height_mm, strict=True)
+                for time_s, height_mm in zip(trial.relaxation.time_s, trial.relaxation.height_mm, strict=True)
             ]
     return pd.DataFrame(rows)

@@ -14,7 +14,7 @@ from labctl.ledger.state import RunState, run_state
 from labctl.ledger.store.agreement import Found, look
 from labctl.ledger.store.database import wal_of
 from labctl.ledger.store.journal import JOURNAL
-from labctl.ledger.store.record_text import event_of, run_of, trial_of
+from labctl.ledger.store.record_text import parse_event, parse_run, parse_trial
 from labctl.ledger.store.recovery import told
 from labctl.ledger.store.rows import Kind, Row
 from labctl.ledger.store.tables import SQLITE
@@ -71,7 +71,7 @@ class Ledger:
 
     def runs(self) -> tuple[RunRecord, ...]:
         """All runs, in the order begun."""
-        return tuple(run_of(row.text) for row in self._of("run"))
+        return tuple(parse_run(row.text) for row in self._of("run"))
 
     def run(self, number: int) -> RunRecord:
         """One run.
@@ -80,7 +80,7 @@ class Ledger:
             BadInput: there is none of this number, or its beginning is lost.
         """
         for row in self._of("run", number):
-            return run_of(row.text)
+            return parse_run(row.text)
         if any(row.run == number for row in self._rows):
             raise BadInput(
                 f"ledger {self.folder}: the beginning of run {number} is lost, only trials or events of it are left"
@@ -104,11 +104,11 @@ class Ledger:
 
     def trials(self, run: int) -> tuple[TrialRecord, ...]:
         """A run's trials, failed and aborted attempts too, in the order committed."""
-        return tuple(trial_of(row.text) for row in self._of("trial", run))
+        return tuple(parse_trial(row.text) for row in self._of("trial", run))
 
     def events(self, run: int | None) -> tuple[EventRecord, ...]:
         """A run's events in the order committed; the ledger's own for None."""
-        return tuple(event_of(row.text) for row in self._rows if row.kind == "event" and row.run == run)
+        return tuple(parse_event(row.text) for row in self._rows if row.kind == "event" and row.run == run)
 
     def state(self, run: int) -> RunState:
         """How a run stands."""

@@ -3,17 +3,30 @@
 import time
 import uuid
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
 from pathlib import Path
 
-from labctl.ledger.records import Moment
-
-Now = Callable[[], Moment]
-
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 # The two clocks are read one after the other, and NTP slews the wall's.
 _TOLERANCE_S = 1.0
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One moment on both clocks.
+
+    `wall` is ISO 8601 with the time zone; `mono_s` the machine's monotonic clock, which no one can set back and
+    which counts from the boot that `boot` names.
+    """
+
+    wall: str
+    mono_s: float
+    boot: str
+
+
+Now = Callable[[], Moment]
 
 
 def now() -> Moment:

@@ -12,8 +12,8 @@ from labctl.errors import BadInput, LabError
 from labctl.ledger.disk import check_is_folder, disk_errors, is_damage, make_folder
 from labctl.ledger.ledger import Ledger, numbers_on_disk
 from labctl.ledger.lock import LedgerLock
-from labctl.ledger.moment import Now, now, set_back_s
-from labctl.ledger.records import EventRecord, Moment, RunRecord, TrialRecord
+from labctl.ledger.moment import Moment, Now, now, set_back_s
+from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
 from labctl.ledger.store.journal import JOURNAL, JournalWriter
 from labctl.ledger.store.mounts import refuse_network
 from labctl.ledger.store.record_text import Record

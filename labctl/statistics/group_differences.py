@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from labctl.ledger.records import RunRecord, TrialRecord
-from labctl.measurement.codec import basis_of
 from labctl.statistics.intervals import (
     Interval,
     bootstrap_difference,
@@ -148,7 +147,7 @@ def _compare(
     other_key: GroupKey,
     other_levels: Sequence[GoodLevel],
 ) -> GroupComparison:
-    same_points = basis_of(run, key[1]).points == basis_of(other, other_key[1]).points
+    same_points = run.points == other.points
     return GroupComparison(
         one=GroupName(run.number, *key),
         other=GroupName(other.number, *other_key),

@@ -15,7 +15,7 @@ from labctl.cli.run.text import RunReporter, default_operator, tell_result
 from labctl.clock import WallClock
 from labctl.errors import BadInput
 from labctl.ledger.ledger import Ledger
-from labctl.ledger.records import Json, RunRecord
+from labctl.ledger.records import RunRecord, SimulatedHeights
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session import preparation
@@ -91,7 +91,7 @@ def _register(
     writer: LedgerWriter,
     rig: Rig,
     planned: int,
-    heights: tuple[Json, ...],
+    heights: tuple[SimulatedHeights, ...],
     line: ProgressLine,
 ) -> RunRecord:
     """The run in the ledger: a new one, or that it goes on."""

@@ -8,7 +8,7 @@ from labctl.errors import LabError
 from labctl.ledger.lock import last_seq_of
 from labctl.ledger.store.database import Stored, read_stored
 from labctl.ledger.store.journal import JOURNAL, JournalRead, read_journal
-from labctl.ledger.store.record_text import event_of
+from labctl.ledger.store.record_text import parse_event
 from labctl.ledger.store.rows import Row
 from labctl.ledger.store.tables import SQLITE
 
@@ -119,5 +119,5 @@ def _told_before(rows: Iterable[Row]) -> set[int]:
         int(seq)
         for row in rows
         if row.kind == "event" and '"kind":"lost"' in row.text
-        for seq in event_of(row.text).detail.get("rows", {})
+        for seq in parse_event(row.text).detail.get("rows", {})
     }

@@ -5,8 +5,9 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Literal
 
-from labctl.ledger.records import Moment, RunRecord, TrialRecord
-from labctl.ledger.store.record_text import Record, text_of
+from labctl.ledger.moment import Moment
+from labctl.ledger.records import RunRecord, TrialRecord
+from labctl.ledger.store.record_text import Record, format_record
 
 Kind = Literal["run", "trial", "event"]
 
@@ -64,7 +65,7 @@ def row_of(seq: int, at: Moment, record: Record) -> Row:
     Raises:
         LabError: the record holds something that cannot be written exactly.
     """
-    text = text_of(record)
+    text = format_record(record)
     if isinstance(record, RunRecord):
         return Row(seq, "run", record.number, None, None, at, text)
     if isinstance(record, TrialRecord):

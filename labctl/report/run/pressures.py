@@ -57,10 +57,10 @@ def _figure(attempts: Sequence[Attempt], tolerance_psi: float, longest_s: float)
 
 def _draw_whole(axes: Axes, attempt: Attempt, pressures: PressureSamples, tolerance_psi: float) -> None:
     start_s = float(pressures.time_s[0])
-    for window in attempt.windows:
+    for window in attempt.record.windows:
         colour = _WINDOW_COLOURS[window.kind]
         axes.axvspan(window.start_s - start_s, window.end_s - start_s, color=colour, alpha=0.3, linewidth=0)
-    for level_psi in {window.pressure_psi or 0.0 for window in _levels(attempt.windows)}:
+    for level_psi in {window.pressure_psi or 0.0 for window in _levels(attempt.record.windows)}:
         axes.axhspan(
             level_psi - tolerance_psi, level_psi + tolerance_psi, color=_BAND, alpha=0.45, linewidth=0
         )
@@ -74,7 +74,7 @@ def _draw_whole(axes: Axes, attempt: Attempt, pressures: PressureSamples, tolera
 
 def _draw_near(axes: Axes, attempt: Attempt, pressures: PressureSamples, tolerance_psi: float) -> None:
     """Each level's pressure less the level, from a little before its window to its end."""
-    levels = _levels(attempt.windows)
+    levels = _levels(attempt.record.windows)
     if not levels:
         axes.annotate("no level was held", (0.5, 0.5), xycoords="axes fraction", ha="center", fontsize=13)
         axes.set_yticks([])
@@ -100,7 +100,7 @@ def _span_s(attempt: Attempt) -> float:
 
 
 def _handles(attempts: Sequence[Attempt]) -> list[Line2D | Patch]:
-    kinds = {window.kind for each in attempts for window in each.windows}
+    kinds = {window.kind for each in attempts for window in each.record.windows}
     found: list[Line2D | Patch] = [
         Line2D([], [], color=_TRACE, linewidth=2, label="pressure"),
         Line2D([], [], color=_SETPOINT, linestyle="--", label="setpoint"),

@@ -4,7 +4,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from labctl.ledger.records import RunRecord
+from labctl.instruments.readings import Identity
+from labctl.ledger.records import RunRecord, RunRequest
+from labctl.plain_json import to_json
 from labctl.report.page import Table
 from labctl.report.run.text import NONE, clock_time, signed
 from labctl.report.run.view import RunView
@@ -17,7 +19,7 @@ def provenance(view: RunView) -> list[tuple[str, str]]:
     run = view.run
     limits = run.rig["limits"]
     return [
-        ("protocol", _asked(run.request, run.protocol)),
+        ("protocol", _asked(run.request)),
         ("design", f"{run.design_name} ({run.design_source})"),
         ("rig", f"{run.rig_name} ({run.rig.get('source', NONE)})" + ("; simulated" if run.simulated else "")),
         (
@@ -40,12 +42,11 @@ def instruments_table(run: RunRecord) -> Table:
         (
             str(run.rig.get(name, {}).get("name", name)),
             *(
-                _told(run.identities[name].get(key))
-                for key in ("model", "serial_number", "firmware", "notes")
+                _told(part)
+                for part in (identity.model, identity.serial_number, identity.firmware, identity.notes)
             ),
         )
-        for name in (*_INSTRUMENTS, *sorted(set(run.identities) - set(_INSTRUMENTS)))
-        if name in run.identities
+        for name, identity in _in_order(run.identities)
     )
     return Table(("instrument", "model", "serial number", "firmware", "notes"), rows)
 
@@ -61,10 +62,10 @@ def clocks_table(view: RunView) -> Table:
             f"{1e3 * clock.delay_p99_s:.1f}",
             str(clock.frames),
             str(clock.lost),
-            NONE if each.result.frame_residual_mm is None else f"{each.result.frame_residual_mm:.2f}",
+            NONE if result.frame_residual_mm is None else f"{result.frame_residual_mm:.2f}",
         )
         for each in view.attempts
-        if each.result is not None and (clock := each.result.clock) is not None
+        if (result := each.record.result) is not None and (clock := result.clock) is not None
     )
     head = (
         "trial",
@@ -100,17 +101,25 @@ def rig_text(run: RunRecord) -> str:
     return json.dumps(run.rig, indent=2, ensure_ascii=False)
 
 
-def _asked(request: Mapping[str, Any], protocol: str) -> str:
+def _in_order(identities: Mapping[str, Identity]) -> list[tuple[str, Identity]]:
+    """The three that every rig has first, others by name."""
+    names = (*_INSTRUMENTS, *sorted(set(identities) - set(_INSTRUMENTS)))
+    return [(name, identities[name]) for name in names if name in identities]
+
+
+def _asked(request: RunRequest) -> str:
+    asked = to_json(request)
+    protocol = asked.pop("protocol")
     told = [
         f"{name.replace('_psi', ', psi').replace('_', ' ')}: {_told(value)}"
-        for name, value in request.items()
-        if name != "protocol" and value not in (None, [], ())
+        for name, value in asked.items()
+        if value not in (None, [])
     ]
     return "; ".join([protocol, *told])
 
 
 def _told(value: Any) -> str:  # noqa: ANN401 - whatever JSON holds
-    if value is None or value in ("", [], {}):
+    if value is None or value in ("", [], (), {}):
         return NONE
     if isinstance(value, Mapping):
         return ", ".join(f"{name} {_told(part)}" for name, part in value.items())

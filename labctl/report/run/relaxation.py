@@ -21,9 +21,9 @@ def relaxation_figure(attempts: Sequence[Attempt]) -> Figure | None:
     None where no attempt has a relaxation.
     """
     told = [
-        (each, each.result.relaxation)
+        (each, relaxation)
         for each in attempts
-        if each.result is not None and each.result.relaxation is not None and each.result.relaxation.time_s
+        if (relaxation := each.record.relaxation) is not None and relaxation.time_s
     ]
     if not told:
         return None

@@ -149,9 +149,7 @@ def _sheets(view: RunView) -> tuple[list[Shown], list[str]]:
         return [], [f"The design's text cannot be read by this program: {view.run.design_source}."]
     shown: list[Shown] = []
     words: list[str] = []
-    patterns = dict.fromkeys(
-        [*(each.record.pattern for each in view.attempts), *view.run.request["patterns"]]
-    )
+    patterns = dict.fromkeys([*(each.record.pattern for each in view.attempts), *view.run.request.patterns])
     for pattern in patterns:
         for face in _FACES:
             if face == "top" or _has_fibers(view.design, face):

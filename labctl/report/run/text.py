@@ -4,7 +4,8 @@ import math
 from collections.abc import Callable, Mapping
 from datetime import datetime, timedelta
 
-from labctl.ledger.records import Moment, RunRecord
+from labctl.ledger.moment import Moment
+from labctl.ledger.records import RunRecord
 from labctl.ledger.state import RunState
 from labctl.measurement.result import LevelResult
 from labctl.report.page import Table
@@ -100,7 +101,7 @@ def signed(value: float, decimals: int) -> str:
 def glance(view: RunView) -> list[tuple[str, str]]:
     """The run's few numbers, as (what, how much)."""
     counted = [each for each in view.attempts if each.counts]
-    levels = [level for each in counted if each.result is not None for level in each.result.levels]
+    levels = [level for each in counted for level in each.record.levels]
     low = [level.lowest_psi for level in levels if level.lowest_psi is not None]
     high = [level.highest_psi for level in levels if level.highest_psi is not None]
     first = [group for group in view.summary.groups if group.e_t_mean_percent is not None]
@@ -201,9 +202,9 @@ def points_table(view: RunView, group: Group) -> Table:
     """A group's measuring points: where they are, both heights, and what e_t says of them."""
     rows = tuple(
         (
-            str(point["id"]),
-            f"{point['x_mm']:g}",
-            f"{point['y_mm']:g}",
+            str(point.id),
+            f"{point.x_mm:g}",
+            f"{point.y_mm:g}",
             _mean_of(measured, sd, 2),
             _number(simulated),
             _mean_of(error, error_sd, 1),
@@ -253,8 +254,7 @@ def _took(attempt: Attempt) -> str:
 
 
 def _levels(attempt: Attempt, words: Callable[[LevelResult], str]) -> str:
-    levels = () if attempt.result is None else attempt.result.levels
-    return "; ".join(words(level) for level in levels) or NONE
+    return "; ".join(words(level) for level in attempt.record.levels) or NONE
 
 
 def _judged(attempt: Attempt) -> str:
@@ -266,8 +266,8 @@ def _judged(attempt: Attempt) -> str:
 
 
 def _subject(view: RunView) -> str:
-    patterns = view.run.request.get("patterns") or [view.run.design_name]
-    told = ", ".join(name(str(each)) for each in patterns)
+    patterns = view.run.request.patterns or (view.run.design_name,)
+    told = ", ".join(map(name, patterns))
     return told[:1].upper() + told[1:]
 
 
