@@ -68,7 +68,7 @@ def _finite(value: float, where: str, lossy: bool) -> float | None:
     if lossy:
         return None
     raise NotPlain(
-        f"{where} is {value}: {value} has no place in a record, which holds finite numbers, and None where there is none"
+        f"{where} is {value}: {value} has no place in a record: numbers are finite, None where there is none"
     )
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.ledgers import ledger_option, tell
+from labctl.cli.ledgers import ledger_option, print_note
 from labctl.cli.output import emit_json, table
 from labctl.cli.rigs import json_option
 
@@ -40,7 +40,7 @@ def runs(ledger_folder: Path, as_json: bool) -> None:
     from labctl.ledger.ledger import Ledger
     from labctl.ledger.store.agreement import format_rows
 
-    with Ledger.open(ledger_folder, tell) as ledger:
+    with Ledger.open(ledger_folder, print_note) as ledger:
         lines = [_line(ledger, run) for run in ledger.runs()]
         lost = [dict(event.detail) for event in ledger.events(None) if event.kind == "lost"]
     if as_json:

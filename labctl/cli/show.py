@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.group_differences import tell_comparison, tell_placements
-from labctl.cli.ledgers import ledger_option, tell
+from labctl.cli.group_differences import print_placements, print_run_comparison
+from labctl.cli.ledgers import ledger_option, print_note
 from labctl.cli.output import emit_json, table
 from labctl.cli.rigs import json_option
 from labctl.plain_json import to_json
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from labctl.ledger.state import RunState
     from labctl.statistics.summary import Group
 
-# Said by the table of trials already.
-_TOLD_BY_TRIALS = ("trial-begun",)
+# In the table of trials already.
+_SHOWN_BY_TRIALS = ("trial-begun",)
 _STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _LONGEST_DETAIL = 200
 
@@ -41,7 +41,7 @@ def show(run_name: str, other_name: str | None, ledger_folder: Path, as_json: bo
     from labctl.statistics.group_differences import compare_placements, compare_runs
     from labctl.statistics.summary import summarise
 
-    with Ledger.open(ledger_folder, tell) as ledger:
+    with Ledger.open(ledger_folder, print_note) as ledger:
         run = ledger.find(run_name)
         trials, events = ledger.trials(run.number), ledger.events(run.number)
         state, raw_folder = ledger.state(run.number), ledger.raw_folder(run)
@@ -61,13 +61,13 @@ def show(run_name: str, other_name: str | None, ledger_folder: Path, as_json: bo
             }
         )
         return
-    _tell_run(run, state, raw_folder)
-    _tell_trials(trials)
-    _tell_summary(summary.groups)
-    tell_placements(placements)
+    _print_run(run, state, raw_folder)
+    _print_trials(trials)
+    _print_summary(summary.groups)
+    print_placements(placements)
     if compared is not None:
-        tell_comparison(compared)
-    _tell_events(event for event in events if event.kind not in _TOLD_BY_TRIALS)
+        print_run_comparison(compared)
+    _print_events(event for event in events if event.kind not in _SHOWN_BY_TRIALS)
 
 
 def _for_machines(
@@ -82,12 +82,12 @@ def _for_machines(
     }
 
 
-def _tell_run(run: "RunRecord", state: "RunState", raw_folder: Path) -> None:
+def _print_run(run: "RunRecord", state: "RunState", raw_folder: Path) -> None:
     if run.simulated:
-        _say("SIMULATED RIG: measured on byte-level doubles, not on real instruments")
-    _say(f"run {run.number}: {run.protocol}, {state}")
+        _print("SIMULATED RIG: measured on byte-level doubles, not on real instruments")
+    _print(f"run {run.number}: {run.protocol}, {state}")
     asked = "; ".join(
-        f"{name} {_words(value)}" for name, value in to_json(run.request).items() if name != "protocol"
+        f"{name} {_format_value(value)}" for name, value in to_json(run.request).items() if name != "protocol"
     )
     lines = {
         "begun": f"{run.begun.wall} by {run.operator or 'nobody named'}",
@@ -103,24 +103,24 @@ def _tell_run(run: "RunRecord", state: "RunState", raw_folder: Path) -> None:
     width = max(map(len, lines))
     for name, text in lines.items():
         if text:
-            _say(f"  {name.ljust(width)}  {text}")
+            _print(f"  {name.ljust(width)}  {text}")
 
 
 def _identity(identity: "Identity") -> str:
     serial, firmware = identity.serial_number, identity.firmware
     parts = [
         identity.model,
-        f"serial number {serial}" if serial else "serial number not told",
-        f"firmware {firmware}" if firmware else "firmware not told",
+        f"serial number {serial}" if serial else "serial number not reported",
+        f"firmware {firmware}" if firmware else "firmware not reported",
     ]
     return ", ".join([*parts, *identity.notes])
 
 
-def _tell_trials(trials: "tuple[TrialRecord, ...]") -> None:
+def _print_trials(trials: "tuple[TrialRecord, ...]") -> None:
     if not trials:
-        _say("\nno trial has been recorded yet")
+        _print("\nno trial has been recorded yet")
         return
-    _say("")
+    _print("")
     table(
         (
             "trial",
@@ -138,7 +138,7 @@ def _tell_trials(trials: "tuple[TrialRecord, ...]") -> None:
     )
     for trial in trials:
         if trial.reason:
-            _say(f"trial {trial.number}, attempt {trial.attempt}, {trial.outcome}: {trial.reason}")
+            _print(f"trial {trial.number}, attempt {trial.attempt}, {trial.outcome}: {trial.reason}")
 
 
 def _trial_cells(trial: "TrialRecord") -> tuple[str, ...]:
@@ -158,10 +158,10 @@ def _trial_cells(trial: "TrialRecord") -> tuple[str, ...]:
     )
 
 
-def _tell_summary(groups: "tuple[Group, ...]") -> None:
+def _print_summary(groups: "tuple[Group, ...]") -> None:
     if not groups:
         return
-    _say("")
+    _print("")
     relaxing = any(group.tau_mean_s is not None for group in groups)
     head = ("placement", "pattern", "psi", "n", "e_t %", "sd", "95 % from", "to")
     table(
@@ -185,24 +185,24 @@ def _group_cells(group: "Group") -> tuple[str, ...]:
     )
 
 
-def _tell_events(events: "Iterable[EventRecord]") -> None:
+def _print_events(events: "Iterable[EventRecord]") -> None:
     lines = []
     for event in events:
         detail = "; ".join(
-            f"{name} {_words(value)}" for name, value in event.detail.items() if name != "summary"
+            f"{name} {_format_value(value)}" for name, value in event.detail.items() if name != "summary"
         )
         if len(detail) > _LONGEST_DETAIL:
             detail = f"{detail[:_LONGEST_DETAIL]} ..."
         lines.append(f"{event.at.wall[:19].replace('T', ' ')}  {event.kind}  {detail}".rstrip())
     if lines:
-        _say("\n" + "\n".join(lines))
+        _print("\n" + "\n".join(lines))
 
 
-def _words(value: object) -> str:
+def _format_value(value: object) -> str:
     if isinstance(value, (list, tuple)):
-        return ", ".join(map(_words, value))
+        return ", ".join(map(_format_value, value))
     if isinstance(value, Mapping):
-        return " ".join(f"{name} {_words(item)}" for name, item in value.items())
+        return " ".join(f"{name} {_format_value(item)}" for name, item in value.items())
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -210,7 +210,7 @@ def _or_dash(value: float | None, decimals: int) -> str:
     return "-" if value is None else f"{value:.{decimals}f}"
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     # What was typed in another code page than the terminal's is shown as far as it can be.
     plain = text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
     # What was typed as a note must not steer the terminal of whoever reads it.

@@ -1,4 +1,4 @@
-"""`labctl verify RUN`: do the raw files still say what the ledger says?"""
+"""`labctl verify RUN`: do the raw files still give the numbers of the ledger?"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.ledgers import ledger_option, tell
+from labctl.cli.ledgers import ledger_option, print_note
 from labctl.cli.output import banner, emit_json
 from labctl.cli.rigs import json_option
 
@@ -35,7 +35,7 @@ def verify(name: str, ledger_folder: Path, as_json: bool) -> int:
     from labctl.ledger.ledger import Ledger
     from labctl.verification.verify_run import verify_run
 
-    with Ledger.open(ledger_folder, tell) as ledger:
+    with Ledger.open(ledger_folder, print_note) as ledger:
         run = ledger.find(name)
         verification = verify_run(ledger, run)
     simulation = _simulate_again(run)
@@ -74,7 +74,7 @@ class SimulatedAgain:
         return not self.problems and self.greatest_mm <= SIMULATION_TOLERANCE_MM
 
     def lines(self) -> Iterator[str]:
-        """In words."""
+        """The lines for a person."""
         if self.problems:
             yield "simulated heights: DISAGREE"
             yield from (f"    {problem}" for problem in self.problems)
@@ -82,9 +82,9 @@ class SimulatedAgain:
             count = "1 shape" if self.shapes == 1 else f"{self.shapes} shapes"
             yield f"simulated heights: the same again, to the last bit ({count})"
         elif self.shapes:
-            words = "agree" if self.agrees else "DISAGREE"
+            judged = "agree" if self.agrees else "DISAGREE"
             yield (
-                f"simulated heights: {words}, {self.greatest_mm:.2g} mm apart at most; "
+                f"simulated heights: {judged}, {self.greatest_mm:.2g} mm apart at most; "
                 f"{SIMULATION_TOLERANCE_MM:g} mm may come of another machine or version"
             )
 
@@ -98,7 +98,7 @@ def _simulate_again(run: "RunRecord") -> SimulatedAgain:
     from sim.warm import compile_kernels
 
     if run.simulated_heights:
-        compile_kernels(tell)
+        compile_kernels(print_note)
     points_mm = np.array([(point.x_mm, point.y_mm) for point in run.points])
     greatest_mm = 0.0
     problems: list[str] = []

@@ -52,7 +52,7 @@ COLUMNS: Mapping[str, str] = {
 }
 _PRESSURE_COLUMNS = ("run", "trial", "attempt", "asked_s", "came_s", "gauge_psi", "setpoint_psi", "status")
 _HEIGHT_COLUMN = "z_mm_at_"
-_HEIGHT_WORDS = "mean height over the good trials at this gauge pressure, above the uninflated sheet, mm"
+_HEIGHT_MEANING = "mean height over the good trials at this gauge pressure, above the uninflated sheet, mm"
 
 
 def run_tables(
@@ -79,7 +79,7 @@ def run_tables(
 
 def meaning(column: str) -> str:
     """A column's unit and meaning."""
-    return _HEIGHT_WORDS if column.startswith(_HEIGHT_COLUMN) else COLUMNS[column]
+    return _HEIGHT_MEANING if column.startswith(_HEIGHT_COLUMN) else COLUMNS[column]
 
 
 def _with_counts(table: pd.DataFrame, trials: Sequence[TrialRecord]) -> pd.DataFrame:
@@ -115,7 +115,7 @@ def _pressures(
         except LabError as error:
             raise LabError(
                 f"run {run.number}, trial {trial.number}, attempt {trial.attempt}: {error}; "
-                f"labctl verify {run.number} says which files are still whole"
+                f"labctl verify {run.number} lists which files are still whole"
             ) from error
         parts.append(
             pd.DataFrame(

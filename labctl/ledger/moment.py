@@ -39,7 +39,7 @@ def now() -> Moment:
 def boot_id() -> str:
     """What names this boot of the machine, and so the origin of its monotonic clock.
 
-    Linux tells it. Elsewhere it is "process-" and a random number of this process's own, so that monotonic times are
+    Linux names it. Elsewhere it is "process-" and a random number of this process's own, so that monotonic times are
     compared within one process only.
     """
     try:
@@ -58,7 +58,7 @@ def seconds_between(before: Moment, after: Moment) -> float:
 def set_back_s(before: Moment, after: Moment) -> float:
     """By how much the wall clock was set back from one moment to a later one, in s; 0 where it was not.
 
-    Within one boot the monotonic clock says how late it should be. Across boots only that the wall's time is earlier
+    Within one boot the monotonic clock shows how late it should be. Across boots only that the wall's time is earlier
     than it was; how long the machine was off nobody knows.
     """
     passed_s = after.mono_s - before.mono_s if before.boot == after.boot else 0.0

@@ -120,7 +120,7 @@ class TrialRecord:
     """One attempt at one of a run's trials.
 
     `number` is the planned trial's, from 1; `attempt` counts from 1. `outcome` "good" counts; "failed" and
-    "aborted" never do, and `reason` says why. `windows` are the stretches of the recording that the numbers come
+    "aborted" never do, and `reason` is why. `windows` are the stretches of the recording that the numbers come
     from, `raw` the files ("frames" and "pressures"; empty where nothing was recorded), `result` what was derived from
     them; None where nothing could be.
     """
@@ -156,7 +156,7 @@ class EventRecord:
     """Something that happened to a run (`run` None: to the ledger itself).
 
     `kind`: "trial-begun", "paused", "resumed", "abort-asked", "interrupted", "continued", "finished", "failed",
-    "clock-set-back", "restored", ... `detail` says more.
+    "clock-set-back", "restored", ... `detail` holds the rest.
     """
 
     run: int | None

@@ -35,7 +35,7 @@ class GroupName:
     pressure_psi: float
 
     def describe(self) -> str:
-        """In words."""
+        """The group for a person: "run 7, neat, sphere at 3.9 psi"."""
         return f"run {self.run}, {self.placement}, {self.pattern} at {self.pressure_psi:g} psi"
 
 
@@ -60,7 +60,7 @@ class OverPoints:
 
     `bootstrap` and `t` are 95 % intervals of the mean difference over the sheet, were other points like these
     measured; neighbouring points move together, so that they are narrower than they should be. `wilcoxon_p` is the
-    signed-rank test of no difference. None of it tells trial from trial.
+    signed-rank test of no difference. None of it distinguishes trial from trial.
     """
 
     points: int

@@ -14,7 +14,7 @@ GroupKey = tuple[str, str, float]
 
 @dataclass(frozen=True)
 class Group:
-    """What the good trials of one placement, pattern and pressure say together.
+    """What the good trials of one placement, pattern and pressure give together.
 
     `trials` counts them. `e_t_sd_percent` is the standard deviation over trials (n - 1), from `e_t_low_percent` to
     `e_t_high_percent` the 95 % bootstrap interval of the mean by `e_t_interval`, from `e_t_t_low_percent` to

@@ -42,17 +42,17 @@ def table_iii(summaries: Sequence[RunSummary]) -> pd.DataFrame:
     rows: dict[str, dict[str, str]] = {}
     for group in groups:
         row = rows.setdefault(_row_name(group, groups), dict.fromkeys(patterns, NOTHING))
-        row[group.pattern] = percent_text(group.e_t_mean_percent, group.e_t_sd_percent)
+        row[group.pattern] = format_percent(group.e_t_mean_percent, group.e_t_sd_percent)
     table = pd.DataFrame.from_dict(rows, orient="index", columns=patterns)
     return table.rename(columns={name: f"{name} e_t" for name in patterns}).rename_axis("fiber placement")
 
 
-def percent_text(mean_percent: float | None, sd_percent: float | None) -> str:
+def format_percent(mean_percent: float | None, sd_percent: float | None) -> str:
     """A mean and its standard deviation in the published way: "17.1% ± 0.5%"."""
     if mean_percent is None:
         return NOTHING
-    words = f"{mean_percent:.1f}%"
-    return words if sd_percent is None else f"{words} ± {sd_percent:.1f}%"
+    text = f"{mean_percent:.1f}%"
+    return text if sd_percent is None else f"{text} ± {sd_percent:.1f}%"
 
 
 def trials_table(run: RunRecord, trials: Sequence[TrialRecord]) -> pd.DataFrame:

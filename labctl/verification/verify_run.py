@@ -82,7 +82,7 @@ def _unrecorded(ledger: Ledger, run: RunRecord, trials: Sequence[TrialRecord]) -
 
 def verify_trial(folder: Path, run: RunRecord, trial: TrialRecord) -> TrialVerification:
     """Look at one attempt's raw files, which are in the ledger's folder, and recompute its numbers from them."""
-    problems = [words for file in trial.raw.values() if (words := file_problem(folder, file)) is not None]
+    problems = [problem for file in trial.raw.values() if (problem := file_problem(folder, file)) is not None]
     found: tuple[Difference, ...] = ()
     recomputed = False
     if not problems and trial.result is not None and all(stream in trial.raw for stream in _STREAMS):

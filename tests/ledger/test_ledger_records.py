@@ -13,7 +13,7 @@ from labctl.instruments.readings import Identity
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.records import EventRecord, SafeReadBack, SimulatedHeights
 from labctl.ledger.store.record_text import format_record, parse_event, parse_run, parse_trial
-from labctl.ledger.store.rows import body_of, row_of, row_of_body
+from labctl.ledger.store.rows import parse_body, parse_line, row_of
 from labctl.ledger.writer import LedgerWriter
 from labctl.measurement.windows import Window
 
@@ -118,14 +118,14 @@ def test_records_are_written_as_they_always_were():
     lines = STORED.read_bytes().splitlines()
     parsers = {"run": parse_run, "trial": parse_trial, "event": parse_event}
     for line in lines:
-        row = row_of_body(body_of(line))
+        row = parse_body(parse_line(line))
         record = parsers[row.kind](row.text)
         assert row_of(row.seq, row.at, record).line() == line + b"\n"
     assert len(lines) == 4
 
 
 def test_what_is_stored_is_read_into_types():
-    run, trial, _, _ = (row_of_body(body_of(line)).text for line in STORED.read_bytes().splitlines())
+    run, trial, _, _ = (parse_body(parse_line(line)).text for line in STORED.read_bytes().splitlines())
 
     run, trial = parse_run(run), parse_trial(trial)
 

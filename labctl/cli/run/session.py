@@ -6,7 +6,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from labctl.cli.interrupts import stop_on_signals
-from labctl.cli.ledgers import tell
+from labctl.cli.ledgers import print_note
 from labctl.cli.outcome import Outcome
 from labctl.cli.output import ProgressLine
 from labctl.cli.rigs import chosen_rig, reporting, rig_to_be
@@ -36,7 +36,7 @@ def begin(prepared: PreparedRun, design_name: str, how: SessionOptions) -> None:
 
 def go_on(name: str, how: SessionOptions) -> None:
     """The run of this name, at its next trial."""
-    with Ledger.open(how.ledger_folder, tell) as read:
+    with Ledger.open(how.ledger_folder, print_note) as read:
         run = preparation.prepare_again(read, name).run
     if run is not None and not run.simulated and how.rig_path is None:
         raise BadInput(f"run {run.number} was measured on a real rig: name it with --rig")

@@ -19,7 +19,7 @@ TRIAL = "#56b4e9"
 # Orange and purple, apart for everybody; white where the two are alike.
 _DIFFERENCE_COLOURS = "PuOr_r"
 _LEAST_DIFFERENCE_PERCENT = 1.0
-# A map whose scale ends below this says tenths.
+# A map whose scale ends below this shows tenths.
 _FINE_PERCENT = 3.0
 _HEIGHT_IN = 7.0
 _LEAST_WIDTH_IN, _MOST_WIDTH_IN, _POINT_IN = 8.0, 16.0, 0.22

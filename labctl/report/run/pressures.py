@@ -18,7 +18,7 @@ ROWS_A_FIGURE = 6
 _WIDTH_IN, _ROW_IN = 15.0, 2.3
 _TRACE, _SETPOINT, _BAND = "#0072b2", "#1d2329", "#e69f00"
 _WINDOW_COLOURS = {"baseline": "#8c8c8c", "level": "#009e73", "relaxing": "#cc79a7"}
-_WINDOW_WORDS = {"baseline": "baseline window", "level": "measuring window", "relaxing": "relaxation window"}
+_WINDOW_NAMES = {"baseline": "baseline window", "level": "measuring window", "relaxing": "relaxation window"}
 _FAILED = "#b34e00"
 # Of what came before a level's window, so much is shown of how it settled.
 _BEFORE_S = 3.0
@@ -44,8 +44,8 @@ def _figure(attempts: Sequence[Attempt], tolerance_psi: float, longest_s: float)
         _draw_whole(whole, attempt, attempt.pressures, tolerance_psi)
         _draw_near(near, attempt, attempt.pressures, tolerance_psi)
         failed = attempt.record.outcome != "good"
-        words = f"trial {attempt.name}" + (f": {attempt.record.outcome}" if failed else "")
-        whole.set_title(words, loc="left", fontsize=15, color=_FAILED if failed else "black")
+        title = f"trial {attempt.name}" + (f": {attempt.record.outcome}" if failed else "")
+        whole.set_title(title, loc="left", fontsize=15, color=_FAILED if failed else "black")
     rows[0, 1].set_title("off the level held", loc="left", fontsize=15)
     rows[-1, 0].set(xlabel="time from the first reading, s", xlim=(0, longest_s))
     rows[-1, 1].set_xlabel("time from the window's start, s")
@@ -107,7 +107,7 @@ def _handles(attempts: Sequence[Attempt]) -> list[Line2D | Patch]:
         Patch(color=_BAND, alpha=0.45, label="band to hold"),
     ]
     return found + [
-        Patch(color=colour, alpha=0.3, label=_WINDOW_WORDS[kind])
+        Patch(color=colour, alpha=0.3, label=_WINDOW_NAMES[kind])
         for kind, colour in _WINDOW_COLOURS.items()
         if kind in kinds
     ]

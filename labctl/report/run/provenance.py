@@ -15,11 +15,11 @@ _INSTRUMENTS = ("regulator", "valves", "markers")
 
 
 def provenance(view: RunView) -> list[tuple[str, str]]:
-    """What, with what, by whom and when, as (name, words)."""
+    """What, with what, by whom and when, as (name, text)."""
     run = view.run
     limits = run.rig["limits"]
     return [
-        ("protocol", _asked(run.request)),
+        ("protocol", _format_request(run.request)),
         ("design", f"{run.design_name} ({run.design_source})"),
         ("rig", f"{run.rig_name} ({run.rig.get('source', NONE)})" + ("; simulated" if run.simulated else "")),
         (
@@ -42,7 +42,7 @@ def instruments_table(run: RunRecord) -> Table:
         (
             str(run.rig.get(name, {}).get("name", name)),
             *(
-                _told(part)
+                _format_value(part)
                 for part in (identity.model, identity.serial_number, identity.firmware, identity.notes)
             ),
         )
@@ -92,7 +92,7 @@ def files_table(view: RunView) -> Table:
 
 def events_table(view: RunView) -> Table:
     """What happened to the run, in order."""
-    rows = tuple((clock_time(event.at), event.kind, _told(event.detail)) for event in view.events)
+    rows = tuple((clock_time(event.at), event.kind, _format_value(event.detail)) for event in view.events)
     return Table(("when", "what", "more"), rows)
 
 
@@ -107,22 +107,22 @@ def _in_order(identities: Mapping[str, Identity]) -> list[tuple[str, Identity]]:
     return [(name, identities[name]) for name in names if name in identities]
 
 
-def _asked(request: RunRequest) -> str:
+def _format_request(request: RunRequest) -> str:
     asked = to_json(request)
     protocol = asked.pop("protocol")
-    told = [
-        f"{name.replace('_psi', ', psi').replace('_', ' ')}: {_told(value)}"
+    parts = [
+        f"{name.replace('_psi', ', psi').replace('_', ' ')}: {_format_value(value)}"
         for name, value in asked.items()
         if value not in (None, [])
     ]
-    return "; ".join([protocol, *told])
+    return "; ".join([protocol, *parts])
 
 
-def _told(value: Any) -> str:  # noqa: ANN401 - whatever JSON holds
+def _format_value(value: Any) -> str:  # noqa: ANN401 - whatever JSON holds
     if value is None or value in ("", [], (), {}):
         return NONE
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_told(part)}" for name, part in value.items())
+        return ", ".join(f"{name} {_format_value(part)}" for name, part in value.items())
     if isinstance(value, (list, tuple)):
-        return ", ".join(map(_told, value))
+        return ", ".join(map(_format_value, value))
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -19,9 +19,9 @@ ReadPressures = Callable[[TrialRecord], PressureSamples]
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """One attempt at a trial; `counts` tells whether the run's numbers come from it.
+    """One attempt at a trial; `counts` is whether the run's numbers come from it.
 
-    `pressures` is None where none were recorded or they cannot be read; `missing` then says why.
+    `pressures` is None where none were recorded or they cannot be read; `missing` is then why.
     """
 
     record: TrialRecord
