@@ -6,7 +6,8 @@ table has 16 points at 2, 2.5, 3 and 3.5 psi. `labctl export RUN --format csv` w
 
 from labctl.config.design import Design
 from labctl.config.rig import RigConfig
-from labctl.session.contract import AllowedCounts, Checklist, Protocol, RunRequest, Step, Trial
+from labctl.ledger.records import RunRequest
+from labctl.session.contract import AllowedCounts, Checklist, Protocol, Step, Trial
 from protocols.five_trial import repeated_trials
 from protocols.steps import (
     capture_baseline,

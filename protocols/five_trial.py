@@ -6,7 +6,8 @@ markers hide at more), heights at 16 points, averaged over five trials.
 
 from labctl.config.design import Design
 from labctl.config.rig import RigConfig
-from labctl.session.contract import Checklist, Protocol, RunRequest, Trial
+from labctl.ledger.records import RunRequest
+from labctl.session.contract import Checklist, Protocol, Trial
 from protocols.steps import (
     capture_baseline,
     capture_level,

@@ -7,7 +7,8 @@ from itertools import product
 
 from labctl.config.design import Design
 from labctl.config.rig import RigConfig
-from labctl.session.contract import AllowedCounts, Protocol, RunRequest, Trial
+from labctl.ledger.records import RunRequest
+from labctl.session.contract import AllowedCounts, Protocol, Trial
 from protocols.five_trial import inflate_once
 
 

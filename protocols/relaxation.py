@@ -8,7 +8,8 @@ from dataclasses import replace
 from labctl.config.design import Design
 from labctl.config.rig import RigConfig
 from labctl.errors import BadInput
-from labctl.session.contract import Protocol, RunRequest, Trial
+from labctl.ledger.records import RunRequest
+from labctl.session.contract import Protocol, Trial
 from protocols.five_trial import inflate_once, repeated_trials
 from protocols.steps import vent_and_unjam, watch_the_sheet_relax
 

@@ -6,12 +6,25 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from labctl.instruments.readings import Identity
 from labctl.ledger.ledger import Ledger
-from labctl.ledger.records import EventRecord, Moment, RawFile, RunRecord, TrialRecord
+from labctl.ledger.moment import Moment
+from labctl.ledger.records import (
+    EventRecord,
+    RawFile,
+    RunRecord,
+    RunRequest,
+    SafeReadBack,
+    SimulatedHeights,
+    TrialRecord,
+)
 from labctl.ledger.writer import LedgerWriter
+from labctl.measurement.result import LevelResult, TrialResult
+from labctl.measurement.windows import Window
 
 BEGUN = Moment("2026-03-01T09:00:00.000001+01:00", 1234.000000001, "boot-a")
 ENDED = Moment("2026-03-01T09:01:00.250000+01:00", 1294.25, "boot-a")
+REQUEST = RunRequest("five-trial", ("sphere",), (3.9,), 5, 3, ("neat",), None)
 
 
 def a_run(**changes):
@@ -19,7 +32,7 @@ def a_run(**changes):
         number=0,
         protocol="five-trial",
         begun=BEGUN,
-        request={"patterns": ["sphere"], "pressures_psi": [3.9], "trials": 5, "attempts": 2},
+        request=REQUEST,
         planned_trials=5,
         design_name="known",
         design_source="designs/known.toml",
@@ -27,14 +40,31 @@ def a_run(**changes):
         rig_name="bench",
         rig={"limits": {"max_pressure_psi": 4.0}, "dump_channel": None},
         simulated=True,
-        identities={"regulator": {"model": "PCD", "serial_number": None}},
-        simulated_heights=({"pattern": "sphere", "pressure_psi": 3.9, "heights_mm": [6.5, None, 0.1 + 0.2]},),
+        identities={"regulator": Identity("PCD")},
+        simulated_heights=(SimulatedHeights("sphere", 3.9, (6.5, 5e-324, 0.1 + 0.2)),),
         versions={"labctl": "0.1.0"},
         commit=None,
         operator="Ada",
         note="typed in another code page: \udcfc",
     )
     return replace(run, **changes)
+
+
+def a_result(**changes):
+    level = LevelResult(
+        pressure_psi=3.9,
+        mean_psi=0.1 + 0.2,
+        lowest_psi=None,
+        highest_psi=3.91,
+        frames=960,
+        heights_mm=(1.7976931348623157e308, None, -0.0),
+        height_sd_mm=(0.1, None, 0.0),
+        seen=(960, 0, 1),
+        points_compared=2,
+        per_point_percent=(None, None, 17.1),
+        e_t_percent=17.1,
+    )
+    return TrialResult(None, 0.2, (replace(level, **changes),), None, ())
 
 
 def a_trial(run, number=1, attempt=1, **changes):
@@ -49,10 +79,10 @@ def a_trial(run, number=1, attempt=1, **changes):
         ended=ENDED,
         outcome="good",
         reason="",
-        windows=({"kind": "level", "start_s": 1 / 3, "end_s": 5e-324, "pressure_psi": 3.9},),
+        windows=(Window("level", 1 / 3, 5e-324, 3.9),),
         raw={"frames": RawFile("raw/0001-five-trial/trial-01-1.frames.parquet", "ab" * 32, 10**12)},
-        result={"levels": [{"e_t_percent": 17.1, "heights_mm": [1.7976931348623157e308, None, -0.0]}]},
-        safe={"safe": True, "words": "SAFE"},
+        result=a_result(),
+        safe=SafeReadBack(safe=True, words="SAFE"),
     )
     return replace(trial, **changes)
 

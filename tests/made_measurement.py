@@ -16,9 +16,24 @@ from labctl.config.rig import (
     RigConfig,
     ValvesConfig,
 )
-from labctl.instruments.readings import MarkerFrames, PressureReading, PressureSample, PressureSamples
+from labctl.instruments.readings import (
+    Identity,
+    MarkerFrames,
+    PressureReading,
+    PressureSample,
+    PressureSamples,
+)
+from labctl.ledger.moment import Moment
 from labctl.ledger.raw.recording import RawRecorder
-from labctl.ledger.records import EventRecord, Moment, RawFile, RunRecord, TrialRecord
+from labctl.ledger.records import (
+    EventRecord,
+    RawFile,
+    RunRecord,
+    RunRequest,
+    SafeReadBack,
+    SimulatedHeights,
+    TrialRecord,
+)
 from labctl.ledger.writer import LedgerWriter
 from labctl.measurement.result import ClockFit, LevelResult, RelaxationResult, TrialResult
 from labctl.measurement.windows import Window
@@ -95,21 +110,21 @@ def run(
 ):
     """A run as it was begun; `more` replaces any field."""
     placements = more.pop("placements", ("neat",))
-    request = {
-        "protocol": protocol,
-        "patterns": list(patterns),
-        "pressures_psi": list(pressures_psi),
-        "trials": more.pop("planned", 5),
-        "attempts": 3,
-        "placements": list(placements),
-        "watch_s": more.pop("watch_s", None),
-    }
+    request = RunRequest(
+        protocol=protocol,
+        patterns=tuple(patterns),
+        pressures_psi=tuple(pressures_psi),
+        trials=more.pop("planned", 5),
+        attempts=3,
+        placements=tuple(placements),
+        watch_s=more.pop("watch_s", None),
+    )
     record = RunRecord(
         number=7,
         protocol=protocol,
         begun=moment(),
         request=request,
-        planned_trials=int(request["trials"]),
+        planned_trials=request.trials,
         design_name="known",
         design_source="labctl/designs/known.toml",
         design_text=design_text("known"),
@@ -117,26 +132,14 @@ def run(
         rig=rig(points),
         simulated=True,
         identities={
-            "regulator": {
-                "model": "PCD-30PSIG-D",
-                "serial_number": "218899",
-                "firmware": "10v06",
-                "notes": [],
-            },
-            "valves": {
-                "model": "Modbus RTU Relay 32CH",
-                "serial_number": None,
-                "firmware": "2.00",
-                "notes": [],
-            },
-            "markers": {"model": "PhaseSpace X2E", "serial_number": None, "firmware": "5.2", "notes": []},
+            "regulator": Identity("PCD-30PSIG-D", "218899", "10v06"),
+            "valves": Identity("Modbus RTU Relay 32CH", None, "2.00"),
+            "markers": Identity("PhaseSpace X2E", None, "5.2"),
         },
         simulated_heights=tuple(
-            {
-                "pattern": pattern,
-                "pressure_psi": pressure_psi,
-                "heights_mm": dome_mm(points, pressure_psi, flat=0.8 * index).tolist(),
-            }
+            SimulatedHeights(
+                pattern, pressure_psi, tuple(dome_mm(points, pressure_psi, flat=0.8 * index).tolist())
+            )
             for index, pattern in enumerate(patterns)
             for pressure_psi in pressures_psi
         ),
@@ -161,12 +164,12 @@ def windows(pressures_psi=DEFAULT_PRESSURES_PSI):
 
 def heights_mm(of, pattern, pressure_psi, seed, hidden=()):
     """Measured heights: the simulated ones, a bit off in a way of the sheet's own and of the trial's."""
-    points = of.rig["markers"]["points"]
+    points = of.points
     simulated_mm = simulated(of, pattern, pressure_psi)
     rng = np.random.default_rng(1000 * seed + round(100 * pressure_psi))
     if simulated_mm is None:
         simulated_mm = np.linspace(2, 18, len(points))
-    lean = np.array([0.08 * (point["x_mm"] - 70) / 70 for point in points])
+    lean = np.array([0.08 * (point.x_mm - 70) / 70 for point in points])
     measured = simulated_mm * (0.9 + lean) + 0.25 * rng.standard_normal(len(points))
     measured[list(hidden)] = np.nan
     return measured
@@ -174,8 +177,8 @@ def heights_mm(of, pattern, pressure_psi, seed, hidden=()):
 
 def simulated(of, pattern, pressure_psi):
     for each in of.simulated_heights:
-        if (each["pattern"], each["pressure_psi"]) == (pattern, pressure_psi):
-            return np.array(each["heights_mm"])
+        if (each.pattern, each.pressure_psi) == (pattern, pressure_psi):
+            return np.array(each.heights_mm)
     return None
 
 
@@ -213,7 +216,7 @@ def relaxing(tau_s=1.6):
 
 def result(of, pattern="sphere", pressures_psi=None, seed=1, hidden=(), relaxation=None, problems=()):
     """A trial's result."""
-    pressures_psi = of.request["pressures_psi"] if pressures_psi is None else pressures_psi
+    pressures_psi = of.request.pressures_psi if pressures_psi is None else pressures_psi
     return TrialResult(
         clock=ClockFit(OFFSET_S - SERVER_S, 1.2, 0.0021, 0.0074, 9600, 9),
         frame_residual_mm=0.31,
@@ -226,7 +229,7 @@ def result(of, pattern="sphere", pressures_psi=None, seed=1, hidden=(), relaxati
 def trial(of, number=1, attempt=1, pattern="sphere", placement="neat", outcome="good", reason="", **more):
     """A trial that was measured; `more` replaces any field, `derived=None` stands for no result."""
     at_s = 60.0 * (2 * number + attempt - 2)
-    pressures_psi = tuple(more.get("pressures_psi", of.request["pressures_psi"]))
+    pressures_psi = tuple(more.get("pressures_psi", of.request.pressures_psi))
     derived = more.pop("derived", "made")
     if derived == "made":
         derived = result(of, pattern, pressures_psi, seed=10 * number + attempt)
@@ -241,15 +244,15 @@ def trial(of, number=1, attempt=1, pattern="sphere", placement="neat", outcome="
         ended=moment(at_s + 45.5),
         outcome=outcome,
         reason=reason,
-        windows=tuple(asdict(window) for window in windows(pressures_psi)),
+        windows=windows(pressures_psi),
         raw={
             kind: RawFile(
                 f"raw/0007-{of.protocol}/trial-{number:02d}-{attempt}.{kind}.parquet", 64 * "a", 123456
             )
             for kind in ("frames", "pressures")
         },
-        result=None if derived is None else json.loads(json.dumps(asdict(derived))),
-        safe={"safe": True, "words": "SAFE, as read back"},
+        result=derived,
+        safe=SafeReadBack(safe=True, words="SAFE, as read back"),
     )
     return replace(record, **more)
 
@@ -292,13 +295,13 @@ def frames(of, pattern="sphere", pressures_psi=None, seconds=None, seed=1, lost=
     Frame n of the server's has the time SERVER_S + n / frequency; those in `lost` never came; `hidden` are (frame,
     marker) that were not seen. The sheet is flat before the first level's window is 5 s away.
     """
-    pressures_psi = tuple(of.request["pressures_psi"] if pressures_psi is None else pressures_psi)
+    pressures_psi = tuple(of.request.pressures_psi if pressures_psi is None else pressures_psi)
     marks = windows(pressures_psi)
-    points, rate_hz = of.rig["markers"]["points"], of.rig["markers"]["frequency_hz"]
+    points, rate_hz = of.points, of.rig["markers"]["frequency_hz"]
     seconds = marks[-1].end_s - OFFSET_S + 3.0 if seconds is None else seconds
     numbers = np.setdiff1d(np.arange(round(seconds * rate_hz)), lost)
     time_s = numbers / rate_hz
-    flat_mm = np.array([(point["x_mm"], point["y_mm"], 0.0) for point in points])
+    flat_mm = np.array([(point.x_mm, point.y_mm, 0.0) for point in points])
     sheet_mm = np.repeat(flat_mm[None], len(numbers), axis=0)
     for window in marks[1:]:
         up = (time_s >= window.start_s - OFFSET_S - 5) & (time_s <= window.end_s - OFFSET_S + 0.5)
@@ -307,7 +310,7 @@ def frames(of, pattern="sphere", pressures_psi=None, seconds=None, seed=1, lost=
     cond = np.full(positions_mm.shape[:2], 2.0, dtype=np.float32)
     for frame, marker in hidden:
         cond[np.flatnonzero(numbers == frame), marker] = -1.0
-    ids = np.tile(np.array([point["id"] for point in points], dtype=np.int32), len(numbers))
+    ids = np.tile(np.array([point.id for point in points], dtype=np.int32), len(numbers))
     return MarkerFrames(
         time_s=SERVER_S + time_s,
         arrival_s=OFFSET_S + time_s + 0.002,

@@ -7,10 +7,10 @@ from scipy.spatial.transform import Rotation
 
 from labctl.config.rig import MarkerPoint
 from labctl.instruments.readings import MarkerFrames, PressureReading, PressureSample, PressureSamples
+from labctl.ledger.moment import Moment
 from labctl.ledger.raw.recording import RawRecorder
-from labctl.ledger.records import Moment, RunRecord, TrialRecord
+from labctl.ledger.records import RunRecord, RunRequest, SafeReadBack, SimulatedHeights, TrialRecord
 from labctl.measurement.basis import Basis
-from labctl.measurement.codec import basis_of, to_json
 from labctl.measurement.derive import derive
 from labctl.measurement.windows import Window
 
@@ -123,7 +123,7 @@ def run_of(trial, **changes):
         number=0,
         protocol="five-trial",
         begun=THEN,
-        request={},
+        request=RunRequest("five-trial", (), (), 1, 1, (), None),
         planned_trials=1,
         design_name="known",
         design_source="known.toml",
@@ -141,7 +141,7 @@ def run_of(trial, **changes):
         simulated=True,
         identities={},
         simulated_heights=tuple(
-            {"pattern": "sphere", "pressure_psi": pressure_psi, "heights_mm": list(heights_mm)}
+            SimulatedHeights("sphere", pressure_psi, heights_mm)
             for pressure_psi, heights_mm in basis.simulated_mm.items()
         ),
         versions={},
@@ -154,7 +154,7 @@ def run_of(trial, **changes):
 
 def derived(trial, run):
     """What the trial's recording gives by the run's record."""
-    return derive(trial.frames, trial.pressures, trial.windows, basis_of(run, "sphere"))
+    return derive(trial.frames, trial.pressures, trial.windows, run.basis("sphere"))
 
 
 def recorded(trial, ledger, run, number, attempt, outcome="good"):
@@ -176,10 +176,10 @@ def recorded(trial, ledger, run, number, attempt, outcome="good"):
         ended=THEN,
         outcome=outcome,
         reason="" if outcome == "good" else "a valve was not read back",
-        windows=tuple(to_json(window) for window in trial.windows),
+        windows=trial.windows,
         raw=recorder.finish(),
-        result=to_json(derived(trial, run)),
-        safe={"safe": True, "words": "SAFE"},
+        result=derived(trial, run),
+        safe=SafeReadBack(safe=True, words="SAFE"),
     )
 
 

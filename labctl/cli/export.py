@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from labctl.cli.ledgers import keep_out_of_ledger, ledger_option, tell
+from labctl.cli.ledgers import keep_out_of_ledger, ledger_option, print_note
 from labctl.cli.non_empty_path import NonEmptyPath
 from labctl.cli.output import emit_json
 from labctl.cli.rigs import json_option
@@ -41,7 +41,7 @@ def export(run: str, kind: "Format", out_path: Path | None, ledger_folder: Path,
     from labctl.export.run_export import export_run
     from labctl.ledger.ledger import Ledger
 
-    with Ledger.open(ledger_folder, tell) as ledger:
+    with Ledger.open(ledger_folder, print_note) as ledger:
         record = ledger.find(run)
         folder = out_path or Path(f"run-{record.number:04d}-{kind}")
         keep_out_of_ledger(folder, ledger_folder)
@@ -55,7 +55,7 @@ def export(run: str, kind: "Format", out_path: Path | None, ledger_folder: Path,
             }
         )
         return
-    for words in exported.left_out:
-        click.echo(f"labctl: {words}", err=True)
+    for trial in exported.left_out:
+        print_note(trial)
     for name in exported.files:
         click.echo(f"written: {exported.folder / name}")

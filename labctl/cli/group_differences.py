@@ -1,4 +1,4 @@
-"""Groups of trials compared, in words for a person: for `labctl show`."""
+"""Groups of trials compared, printed for a person: for `labctl show`."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -10,26 +10,26 @@ if TYPE_CHECKING:
     from labctl.statistics.intervals import Interval
 
 
-def tell_placements(groups: "tuple[GroupComparison, ...]") -> None:
-    """The placements of one run beside each other; says nothing where there is one."""
+def print_placements(groups: "tuple[GroupComparison, ...]") -> None:
+    """The placements of one run beside each other; prints nothing where there is one."""
     if groups:
         click.echo("\nplacements compared (second less first, in percentage points of e_t)")
     for group in groups:
-        _tell(group)
+        _print_group(group)
 
 
-def tell_comparison(compared: "RunComparison") -> None:
+def print_run_comparison(compared: "RunComparison") -> None:
     """Two runs beside each other, and the groups of either that have no like in the other."""
     click.echo("\nruns compared (second less first, in percentage points of e_t)")
     for group in compared.groups:
-        _tell(group)
+        _print_group(group)
     if not compared.groups:
         click.echo("nothing in the two can be compared")
     for name in compared.unmatched:
         click.echo(f"without its like: {name.describe()}")
 
 
-def _tell(group: "GroupComparison") -> None:
+def _print_group(group: "GroupComparison") -> None:
     click.echo(f"{group.one.describe()}; {group.other.describe()}")
     for line in _lines(group):
         click.echo(f"    {line}")

@@ -1,4 +1,4 @@
-"""Which ledger a command works on, and how the ledger speaks to a person."""
+"""Which ledger a command works on, and how it reports to a person."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -32,7 +32,7 @@ def keep_out_of_ledger(path: Path, ledger_folder: Path) -> None:
     """
     try:
         place, ledger = path.resolve(), ledger_folder.resolve()
-    # Of a link to itself; that nothing can be written there is said by whoever tries.
+    # Of a link to itself; whoever writes there reports that it cannot be done.
     except (OSError, RuntimeError):
         return
     if place.is_relative_to(ledger / "raw") or (place.parent == ledger and place.name.startswith("ledger.")):
@@ -41,6 +41,6 @@ def keep_out_of_ledger(path: Path, ledger_folder: Path) -> None:
         )
 
 
-def tell(text: str) -> None:
-    """Say on standard error what the ledger has to say."""
+def print_note(text: str) -> None:
+    """Print on standard error what a ledger reports."""
     click.echo(f"labctl: {text}", err=True)

@@ -10,13 +10,14 @@ from typing import Any
 import click
 
 from labctl.nonblocking_output import NonBlockingOutput
+from labctl.plain_json import to_json
 
 SIMULATED = "SIMULATED RIG: byte-level doubles answer; no real instrument is connected"
 
 
 def emit_json(result: Mapping[str, Any]) -> None:
     """Print one JSON object; NaN and infinity become null, because JSON has neither."""
-    click.echo(json.dumps(_plain(result), allow_nan=False))
+    click.echo(json.dumps(to_json(result, lossy=True), allow_nan=False))
 
 
 def banner(simulated: bool) -> None:
@@ -89,15 +90,3 @@ class ProgressLine:
             sys.stderr.write(("\n" if self._width else "") + (text + "\n" if text else ""))
             self._width = 0
         sys.stderr.flush()
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever JSON can hold
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

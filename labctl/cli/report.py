@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from labctl.cli.ledgers import keep_out_of_ledger, ledger_option, tell
+from labctl.cli.ledgers import keep_out_of_ledger, ledger_option, print_note
 from labctl.cli.non_empty_path import NonEmptyPath
 from labctl.cli.output import emit_json
 from labctl.cli.rigs import json_option
@@ -28,10 +28,10 @@ def report(runs: tuple[str, ...], out_path: Path | None, ledger_folder: Path, as
     from labctl.report.run.page import write_run_page
     from labctl.report.run.reading import read_views
 
-    views = read_views(ledger_folder, runs, tell)
+    views = read_views(ledger_folder, runs, print_note)
     for view in views:
         for name, missing in view.damaged:
-            tell(f"run {view.run.number}, trial {name}: {missing}; its pressures are left out")
+            print_note(f"run {view.run.number}, trial {name}: {missing}; its pressures are left out")
     path = out_path or Path(f"report-{'-'.join(f'{view.run.number:04d}' for view in views)}.html")
     keep_out_of_ledger(path, ledger_folder)
     replaced = path.is_file()

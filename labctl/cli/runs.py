@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.ledgers import ledger_option, tell
+from labctl.cli.ledgers import ledger_option, print_note
 from labctl.cli.output import emit_json, table
 from labctl.cli.rigs import json_option
 
@@ -40,7 +40,7 @@ def runs(ledger_folder: Path, as_json: bool) -> None:
     from labctl.ledger.ledger import Ledger
     from labctl.ledger.store.agreement import format_rows
 
-    with Ledger.open(ledger_folder, tell) as ledger:
+    with Ledger.open(ledger_folder, print_note) as ledger:
         lines = [_line(ledger, run) for run in ledger.runs()]
         lost = [dict(event.detail) for event in ledger.events(None) if event.kind == "lost"]
     if as_json:
@@ -98,7 +98,7 @@ def _for_people(line: Line) -> tuple[str, ...]:
         run.begun.wall[:16].replace("T", " "),
         run.protocol,
         run.design_name,
-        ", ".join(run.request.get("patterns", ())),
+        ", ".join(run.request.patterns),
         "SIMULATED" if run.simulated else run.rig_name,
         f"{line.good} of {line.planned}",
         " to ".join(dict.fromkeys(e_t)),
@@ -113,7 +113,7 @@ def _for_machines(line: Line) -> dict[str, Any]:
         "begun": run.begun.wall,
         "protocol": run.protocol,
         "design": run.design_name,
-        "patterns": list(run.request.get("patterns", ())),
+        "patterns": run.request.patterns,
         "rig": run.rig_name,
         "simulated": run.simulated,
         "state": line.state,

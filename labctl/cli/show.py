@@ -2,24 +2,25 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.group_differences import tell_comparison, tell_placements
-from labctl.cli.ledgers import ledger_option, tell
+from labctl.cli.group_differences import print_placements, print_run_comparison
+from labctl.cli.ledgers import ledger_option, print_note
 from labctl.cli.output import emit_json, table
 from labctl.cli.rigs import json_option
+from labctl.plain_json import to_json
 
 if TYPE_CHECKING:
+    from labctl.instruments.readings import Identity
     from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
     from labctl.ledger.state import RunState
     from labctl.statistics.summary import Group
 
-# Said by the table of trials already.
-_TOLD_BY_TRIALS = ("trial-begun",)
+# In the table of trials already.
+_SHOWN_BY_TRIALS = ("trial-begun",)
 _STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _LONGEST_DETAIL = 200
 
@@ -37,11 +38,10 @@ def show(run_name: str, other_name: str | None, ledger_folder: Path, as_json: bo
     RUN is its number, or 'last'. It can be asked while the run is being measured.
     """
     from labctl.ledger.ledger import Ledger
-    from labctl.measurement.codec import to_json
     from labctl.statistics.group_differences import compare_placements, compare_runs
-    from labctl.statistics.summary import summarise, summary_to_json
+    from labctl.statistics.summary import summarise
 
-    with Ledger.open(ledger_folder, tell) as ledger:
+    with Ledger.open(ledger_folder, print_note) as ledger:
         run = ledger.find(run_name)
         trials, events = ledger.trials(run.number), ledger.events(run.number)
         state, raw_folder = ledger.state(run.number), ledger.raw_folder(run)
@@ -54,20 +54,20 @@ def show(run_name: str, other_name: str | None, ledger_folder: Path, as_json: bo
         emit_json(
             {
                 **_for_machines(run, state, trials, events),
-                "summary": summary_to_json(summary),
-                "placements_compared": [to_json(group) for group in placements],
-                "against": None if compared is None else to_json(compared),
+                "summary": summary,
+                "placements_compared": placements,
+                "against": compared,
                 "raw_folder": str(raw_folder),
             }
         )
         return
-    _tell_run(run, state, raw_folder)
-    _tell_trials(trials)
-    _tell_summary(summary.groups)
-    tell_placements(placements)
+    _print_run(run, state, raw_folder)
+    _print_trials(trials)
+    _print_summary(summary.groups)
+    print_placements(placements)
     if compared is not None:
-        tell_comparison(compared)
-    _tell_events(event for event in events if event.kind not in _TOLD_BY_TRIALS)
+        print_run_comparison(compared)
+    _print_events(event for event in events if event.kind not in _SHOWN_BY_TRIALS)
 
 
 def _for_machines(
@@ -76,17 +76,19 @@ def _for_machines(
     return {
         "state": state,
         "simulated": run.simulated,
-        "run": asdict(run),
-        "trials": [asdict(trial) for trial in trials],
-        "events": [asdict(event) for event in events],
+        "run": run,
+        "trials": trials,
+        "events": events,
     }
 
 
-def _tell_run(run: "RunRecord", state: "RunState", raw_folder: Path) -> None:
+def _print_run(run: "RunRecord", state: "RunState", raw_folder: Path) -> None:
     if run.simulated:
-        _say("SIMULATED RIG: measured on byte-level doubles, not on real instruments")
-    _say(f"run {run.number}: {run.protocol}, {state}")
-    asked = "; ".join(f"{name} {_words(value)}" for name, value in run.request.items() if name != "protocol")
+        _print("SIMULATED RIG: measured on byte-level doubles, not on real instruments")
+    _print(f"run {run.number}: {run.protocol}, {state}")
+    asked = "; ".join(
+        f"{name} {_format_value(value)}" for name, value in to_json(run.request).items() if name != "protocol"
+    )
     lines = {
         "begun": f"{run.begun.wall} by {run.operator or 'nobody named'}",
         "note": run.note,
@@ -101,24 +103,24 @@ def _tell_run(run: "RunRecord", state: "RunState", raw_folder: Path) -> None:
     width = max(map(len, lines))
     for name, text in lines.items():
         if text:
-            _say(f"  {name.ljust(width)}  {text}")
+            _print(f"  {name.ljust(width)}  {text}")
 
 
-def _identity(identity: Mapping[str, Any]) -> str:
-    serial, firmware = identity.get("serial_number"), identity.get("firmware")
+def _identity(identity: "Identity") -> str:
+    serial, firmware = identity.serial_number, identity.firmware
     parts = [
-        str(identity.get("model", "model not told")),
-        f"serial number {serial}" if serial else "serial number not told",
-        f"firmware {firmware}" if firmware else "firmware not told",
+        identity.model,
+        f"serial number {serial}" if serial else "serial number not reported",
+        f"firmware {firmware}" if firmware else "firmware not reported",
     ]
-    return ", ".join([*parts, *identity.get("notes", ())])
+    return ", ".join([*parts, *identity.notes])
 
 
-def _tell_trials(trials: "tuple[TrialRecord, ...]") -> None:
+def _print_trials(trials: "tuple[TrialRecord, ...]") -> None:
     if not trials:
-        _say("\nno trial has been recorded yet")
+        _print("\nno trial has been recorded yet")
         return
-    _say("")
+    _print("")
     table(
         (
             "trial",
@@ -136,13 +138,12 @@ def _tell_trials(trials: "tuple[TrialRecord, ...]") -> None:
     )
     for trial in trials:
         if trial.reason:
-            _say(f"trial {trial.number}, attempt {trial.attempt}, {trial.outcome}: {trial.reason}")
+            _print(f"trial {trial.number}, attempt {trial.attempt}, {trial.outcome}: {trial.reason}")
 
 
 def _trial_cells(trial: "TrialRecord") -> tuple[str, ...]:
     from labctl.ledger.moment import seconds_between
 
-    levels = [] if trial.result is None else trial.result.get("levels", [])
     return (
         str(trial.number),
         str(trial.attempt),
@@ -150,17 +151,17 @@ def _trial_cells(trial: "TrialRecord") -> tuple[str, ...]:
         trial.pattern,
         ", ".join(f"{pressure:g}" for pressure in trial.pressures_psi),
         trial.outcome,
-        ", ".join(_or_dash(level.get("e_t_percent"), 2) for level in levels) or "-",
+        ", ".join(_or_dash(level.e_t_percent, 2) for level in trial.levels) or "-",
         trial.begun.wall[11:19],
         f"{seconds_between(trial.begun, trial.ended):.0f}",
-        "SAFE" if trial.safe.get("safe") else "NOT SAFE",
+        "SAFE" if trial.safe.safe else "NOT SAFE",
     )
 
 
-def _tell_summary(groups: "tuple[Group, ...]") -> None:
+def _print_summary(groups: "tuple[Group, ...]") -> None:
     if not groups:
         return
-    _say("")
+    _print("")
     relaxing = any(group.tau_mean_s is not None for group in groups)
     head = ("placement", "pattern", "psi", "n", "e_t %", "sd", "95 % from", "to")
     table(
@@ -184,24 +185,24 @@ def _group_cells(group: "Group") -> tuple[str, ...]:
     )
 
 
-def _tell_events(events: "Iterable[EventRecord]") -> None:
+def _print_events(events: "Iterable[EventRecord]") -> None:
     lines = []
     for event in events:
         detail = "; ".join(
-            f"{name} {_words(value)}" for name, value in event.detail.items() if name != "summary"
+            f"{name} {_format_value(value)}" for name, value in event.detail.items() if name != "summary"
         )
         if len(detail) > _LONGEST_DETAIL:
             detail = f"{detail[:_LONGEST_DETAIL]} ..."
         lines.append(f"{event.at.wall[:19].replace('T', ' ')}  {event.kind}  {detail}".rstrip())
     if lines:
-        _say("\n" + "\n".join(lines))
+        _print("\n" + "\n".join(lines))
 
 
-def _words(value: object) -> str:
+def _format_value(value: object) -> str:
     if isinstance(value, (list, tuple)):
-        return ", ".join(map(_words, value))
+        return ", ".join(map(_format_value, value))
     if isinstance(value, Mapping):
-        return " ".join(f"{name} {_words(item)}" for name, item in value.items())
+        return " ".join(f"{name} {_format_value(item)}" for name, item in value.items())
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -209,7 +210,7 @@ def _or_dash(value: float | None, decimals: int) -> str:
     return "-" if value is None else f"{value:.{decimals}f}"
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     # What was typed in another code page than the terminal's is shown as far as it can be.
     plain = text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
     # What was typed as a note must not steer the terminal of whoever reads it.

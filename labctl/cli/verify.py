@@ -1,4 +1,4 @@
-"""`labctl verify RUN`: do the raw files still say what the ledger says?"""
+"""`labctl verify RUN`: do the raw files still give the numbers of the ledger?"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.ledgers import ledger_option, tell
+from labctl.cli.ledgers import ledger_option, print_note
 from labctl.cli.output import banner, emit_json
 from labctl.cli.rigs import json_option
 
@@ -35,7 +35,7 @@ def verify(name: str, ledger_folder: Path, as_json: bool) -> int:
     from labctl.ledger.ledger import Ledger
     from labctl.verification.verify_run import verify_run
 
-    with Ledger.open(ledger_folder, tell) as ledger:
+    with Ledger.open(ledger_folder, print_note) as ledger:
         run = ledger.find(name)
         verification = verify_run(ledger, run)
     simulation = _simulate_again(run)
@@ -74,7 +74,7 @@ class SimulatedAgain:
         return not self.problems and self.greatest_mm <= SIMULATION_TOLERANCE_MM
 
     def lines(self) -> Iterator[str]:
-        """In words."""
+        """The lines for a person."""
         if self.problems:
             yield "simulated heights: DISAGREE"
             yield from (f"    {problem}" for problem in self.problems)
@@ -82,9 +82,9 @@ class SimulatedAgain:
             count = "1 shape" if self.shapes == 1 else f"{self.shapes} shapes"
             yield f"simulated heights: the same again, to the last bit ({count})"
         elif self.shapes:
-            words = "agree" if self.agrees else "DISAGREE"
+            judged = "agree" if self.agrees else "DISAGREE"
             yield (
-                f"simulated heights: {words}, {self.greatest_mm:.2g} mm apart at most; "
+                f"simulated heights: {judged}, {self.greatest_mm:.2g} mm apart at most; "
                 f"{SIMULATION_TOLERANCE_MM:g} mm may come of another machine or version"
             )
 
@@ -98,16 +98,16 @@ def _simulate_again(run: "RunRecord") -> SimulatedAgain:
     from sim.warm import compile_kernels
 
     if run.simulated_heights:
-        compile_kernels(tell)
-    points_mm = np.array([(point["x_mm"], point["y_mm"]) for point in run.rig["markers"]["points"]])
+        compile_kernels(print_note)
+    points_mm = np.array([(point.x_mm, point.y_mm) for point in run.points])
     greatest_mm = 0.0
     problems: list[str] = []
     for stored in run.simulated_heights:
-        pattern, pressure_psi = stored["pattern"], stored["pressure_psi"]
+        pattern, pressure_psi = stored.pattern, stored.pressure_psi
         try:
             design = design_from_text(run.design_text, run.design_source)
             simulated = simulate_pattern(design, pattern, design.sheet.strain_at(pressure_psi))
-            apart_mm = simulated.points_mm(points_mm)[:, 2] - np.array(stored["heights_mm"])
+            apart_mm = simulated.points_mm(points_mm)[:, 2] - np.array(stored.heights_mm)
         except LabError as error:
             problems.append(f"{pattern} at {pressure_psi:g} psi cannot be simulated again: {error}")
         else:
@@ -186,12 +186,12 @@ def _for_machines(
                 "files": trial.files,
                 "recomputed": trial.recomputed,
                 "problems": trial.problems,
-                "differences": _plain(trial.differences),
+                "differences": trial.differences,
             }
             for trial in verification.trials
         ],
         "unrecorded_files": verification.unrecorded,
-        "summary": None if verification.summary is None else _plain(verification.summary),
+        "summary": verification.summary,
         "simulated_heights": {
             "agree": simulation.agrees,
             "shapes": simulation.shapes,
@@ -199,9 +199,3 @@ def _for_machines(
             "problems": simulation.problems,
         },
     }
-
-
-def _plain(differences: "Sequence[Difference]") -> list[dict[str, Any]]:
-    return [
-        {"where": each.where, "stored": each.stored, "recomputed": each.recomputed} for each in differences
-    ]

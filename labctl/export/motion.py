@@ -24,7 +24,7 @@ class Motion:
 
     `positions_mm` float64 (frames, m, 3), NaN where a marker was not seen or a frame never came; in the sheet frame,
     or in the instrument's where `in_sheet_frame` is False. `gauge_psi` and `setpoint_psi` float64 (frames,), empty
-    where no pressure was recorded. `events` are (time from the first frame in s, words).
+    where no pressure was recorded. `events` are (time from the first frame in s, text).
     """
 
     rate_hz: float
@@ -106,7 +106,7 @@ def _events(windows: Sequence[Window], recording: Recording, start_s: float) -> 
     clock = recording.clock
     for window in windows:
         name = window.kind if window.pressure_psi is None else f"{window.kind} {window.pressure_psi:g} psi"
-        for lab_s, words in ((window.start_s, f"{name} begins"), (window.end_s, f"{name} ends")):
+        for lab_s, text in ((window.start_s, f"{name} begins"), (window.end_s, f"{name} ends")):
             server_s = (lab_s - clock.offset_s) / (1 + clock.drift_ppm / 1e6)
-            found.append((server_s - start_s, words))
+            found.append((server_s - start_s, text))
     return found

@@ -18,7 +18,6 @@ from labctl.ledger.ledger import Ledger
 from labctl.ledger.raw.check import as_recorded
 from labctl.ledger.raw.recording import read_frames, read_pressures
 from labctl.ledger.records import RunRecord, TrialRecord
-from labctl.measurement.codec import basis_of, window_from_json
 from labctl.measurement.recording import lay_out
 
 Format = Literal["csv", "parquet", "c3d"]
@@ -27,7 +26,7 @@ _LONGEST_TEXT = 120
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written: the folder and its files' names; `left_out` says which trials have no file, and why."""
+    """What was written: the folder and its files' names; `left_out` names the trials without a file, and why."""
 
     folder: Path
     files: tuple[str, ...]
@@ -80,14 +79,14 @@ def _write_motion(ledger: Ledger, run: RunRecord, folder: Path) -> list[str]:
             left_out.append(f"{name}: nothing was recorded")
             continue
         frames = read_frames(as_recorded(ledger.folder, trial.raw["frames"]))
-        recording = lay_out(frames, _read_pressures(ledger)(trial), basis_of(run, trial.pattern))
+        recording = lay_out(frames, _read_pressures(ledger)(trial), run.basis(trial.pattern))
         if isinstance(recording, str):
             left_out.append(f"{name}: {recording}")
             continue
-        motion = motion_of(recording, [window_from_json(window) for window in trial.windows])
+        motion = motion_of(recording, trial.windows)
         if not motion.in_sheet_frame:
             left_out.append(f"{name}: its baseline fixes no sheet frame; written in the instrument's frame")
-        write_c3d(folder, f"trial-{trial.number:02d}-{trial.attempt}", motion, _said(run, trial))
+        write_c3d(folder, f"trial-{trial.number:02d}-{trial.attempt}", motion, _c3d_labels(run, trial))
     return left_out
 
 
@@ -99,9 +98,9 @@ def _read_pressures(ledger: Ledger) -> Callable[[TrialRecord], PressureSamples]:
     return lambda trial: read_pressures(as_recorded(ledger.folder, trial.raw["pressures"]))
 
 
-def _said(run: RunRecord, trial: TrialRecord) -> dict[str, str]:
-    """What a C3D file says of where it comes from; the format holds short ASCII texts."""
-    told = {
+def _c3d_labels(run: RunRecord, trial: TrialRecord) -> dict[str, str]:
+    """Where a C3D file comes from; the format holds short ASCII texts."""
+    labels = {
         "RUN": str(run.number),
         "PROTOCOL": run.protocol,
         "DESIGN": run.design_name,
@@ -112,7 +111,7 @@ def _said(run: RunRecord, trial: TrialRecord) -> dict[str, str]:
         "PATTERN": trial.pattern,
         "BEGUN": trial.begun.wall,
     }
-    return {name: words.encode("ascii", "replace").decode()[:_LONGEST_TEXT] for name, words in told.items()}
+    return {name: text.encode("ascii", "replace").decode()[:_LONGEST_TEXT] for name, text in labels.items()}
 
 
 def _write_readme(folder: Path, run: RunRecord, tables: Mapping[str, pd.DataFrame]) -> None:

@@ -8,7 +8,6 @@ import pandas as pd
 from labctl.errors import LabError
 from labctl.instruments.readings import PressureSamples
 from labctl.ledger.records import RunRecord, TrialRecord
-from labctl.measurement.codec import result_from_json
 from labctl.statistics.summary import good_trials
 from labctl.statistics.tables import calibration_table, points_table, trials_table
 
@@ -53,7 +52,7 @@ COLUMNS: Mapping[str, str] = {
 }
 _PRESSURE_COLUMNS = ("run", "trial", "attempt", "asked_s", "came_s", "gauge_psi", "setpoint_psi", "status")
 _HEIGHT_COLUMN = "z_mm_at_"
-_HEIGHT_WORDS = "mean height over the good trials at this gauge pressure, above the uninflated sheet, mm"
+_HEIGHT_MEANING = "mean height over the good trials at this gauge pressure, above the uninflated sheet, mm"
 
 
 def run_tables(
@@ -80,7 +79,7 @@ def run_tables(
 
 def meaning(column: str) -> str:
     """A column's unit and meaning."""
-    return _HEIGHT_WORDS if column.startswith(_HEIGHT_COLUMN) else COLUMNS[column]
+    return _HEIGHT_MEANING if column.startswith(_HEIGHT_COLUMN) else COLUMNS[column]
 
 
 def _with_counts(table: pd.DataFrame, trials: Sequence[TrialRecord]) -> pd.DataFrame:
@@ -116,7 +115,7 @@ def _pressures(
         except LabError as error:
             raise LabError(
                 f"run {run.number}, trial {trial.number}, attempt {trial.attempt}: {error}; "
-                f"labctl verify {run.number} says which files are still whole"
+                f"labctl verify {run.number} lists which files are still whole"
             ) from error
         parts.append(
             pd.DataFrame(
@@ -138,8 +137,7 @@ def _pressures(
 def _relaxation(run: RunRecord, trials: Sequence[TrialRecord]) -> pd.DataFrame:
     rows = []
     for trial in trials:
-        relaxation = None if trial.result is None else result_from_json(trial.result).relaxation
-        if relaxation is not None:
+        if trial.relaxation is not None:
             head = {
                 "run": run.number,
                 "trial": trial.number,
@@ -148,6 +146,6 @@ def _relaxation(run: RunRecord, trials: Sequence[TrialRecord]) -> pd.DataFrame:
             }
             rows += [
                 head | {"time_s": time_s, "height_mm": height_mm}
-                for time_s, height_mm in zip(relaxation.time_s, relaxation.height_mm, strict=True)
+                for time_s, height_mm in zip(trial.relaxation.time_s, trial.relaxation.height_mm, strict=True)
             ]
     return pd.DataFrame(rows)

@@ -1,4 +1,4 @@
-"""What makes a write last, and a disk's refusals in words."""
+"""What makes a write last, and messages for what a disk refuses."""
 
 import errno
 import os
@@ -73,17 +73,17 @@ def disk_errors(folder: Path, doing: str, kind: type[LabError] = LabError) -> It
     try:
         yield
     except OSError as error:
-        raise kind(f"ledger {folder}: {doing} failed: {_why_os(error)}") from error
+        raise kind(f"ledger {folder}: {doing} failed: {_format_os_error(error)}") from error
     except sqlite3.Error as error:
-        raise kind(f"ledger {folder}: {doing} failed: {_why_sqlite(error, folder)}") from error
+        raise kind(f"ledger {folder}: {doing} failed: {_format_sqlite_error(error, folder)}") from error
 
 
-def _why_os(error: OSError) -> str:
+def _format_os_error(error: OSError) -> str:
     named = f" ({error.filename})" if error.filename else ""
     if error.errno in _FULL:
-        return _FULL_WORDS
+        return _DISK_FULL
     if error.errno in _FORBIDDEN:
-        return f"{error.strerror}{named}: {_FORBIDDEN_WORDS}"
+        return f"{error.strerror}{named}: {_NOT_PERMITTED}"
     return f"{error.strerror or error}{named}. {_LEFT}"
 
 
@@ -94,19 +94,19 @@ def _free_bytes(folder: Path) -> int:
         return _ROOM
 
 
-def _why_sqlite(error: sqlite3.Error, folder: Path) -> str:
+def _format_sqlite_error(error: sqlite3.Error, folder: Path) -> str:
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-    # Where its shared memory finds no room SQLite says "disk I/O error" only.
+    # Where its shared memory finds no room SQLite reports "disk I/O error" only.
     if code == sqlite3.SQLITE_FULL or (code == sqlite3.SQLITE_IOERR and _free_bytes(folder) < _ROOM):
-        return _FULL_WORDS
+        return _DISK_FULL
     if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM):
-        return f"{error}: {_FORBIDDEN_WORDS}"
+        return f"{error}: {_NOT_PERMITTED}"
     return f"{error}. {_LEFT}"
 
 
 _LEFT = "What was committed before is safe"
-_FULL_WORDS = f"the disk is full. {_LEFT}; free some space and go on in the same ledger"
-_FORBIDDEN_WORDS = (
+_DISK_FULL = f"the disk is full. {_LEFT}; free some space and go on in the same ledger"
+_NOT_PERMITTED = (
     "you may not. Make the folder and its ledger.* files readable, to measure also writable, or name another with "
     "--ledger"
 )

@@ -11,11 +11,11 @@ from labctl.ledger.disk import check_is_folder, disk_errors
 from labctl.ledger.lock import Holder, holder_of
 from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
 from labctl.ledger.state import RunState, run_state
-from labctl.ledger.store.agreement import Found, look
+from labctl.ledger.store.agreement import LedgerRead, read_ledger
 from labctl.ledger.store.database import wal_of
 from labctl.ledger.store.journal import JOURNAL
-from labctl.ledger.store.record_text import event_of, run_of, trial_of
-from labctl.ledger.store.recovery import told
+from labctl.ledger.store.record_text import parse_event, parse_run, parse_trial
+from labctl.ledger.store.recovery import format_problems
 from labctl.ledger.store.rows import Kind, Row
 from labctl.ledger.store.tables import SQLITE
 
@@ -32,8 +32,8 @@ class Ledger:
         self._holder = holder
 
     @classmethod
-    def open(cls, folder: Path, tell: Callable[[str], None]) -> Self:
-        """Read the ledger in a folder, which is left as it is; what is wrong with it is told.
+    def open(cls, folder: Path, report: Callable[[str], None]) -> Self:
+        """Read the ledger in a folder, which is left as it is; what is wrong with it is reported.
 
         Raises:
             BadInput: there is no ledger, or it is another program's or version's.
@@ -45,17 +45,17 @@ class Ledger:
                 f"there is no ledger in {folder}; labctl run makes one, or name another with --ledger"
             )
         with disk_errors(folder, "reading", BadInput):
-            found, holder = _steady(folder)
+            found, holder = _read_steadily(folder)
         if holder is not None:
             # Rows beyond SQLite's are its writer's to finish.
             rows = (
                 found.rows
-                if found.stored.problem
-                else tuple(r for r in found.rows if r.seq in found.stored.rows)
+                if found.database.problem
+                else tuple(r for r in found.rows if r.seq in found.database.rows)
             )
             return cls(folder, rows, holder)
-        for words in told(found, later=True):
-            tell(f"ledger {folder}: {words}")
+        for problem in format_problems(found, later=True):
+            report(f"ledger {folder}: {problem}")
         return cls(folder, found.rows, None)
 
     def __enter__(self) -> Self:
@@ -71,7 +71,7 @@ class Ledger:
 
     def runs(self) -> tuple[RunRecord, ...]:
         """All runs, in the order begun."""
-        return tuple(run_of(row.text) for row in self._of("run"))
+        return tuple(parse_run(row.text) for row in self._of("run"))
 
     def run(self, number: int) -> RunRecord:
         """One run.
@@ -80,12 +80,12 @@ class Ledger:
             BadInput: there is none of this number, or its beginning is lost.
         """
         for row in self._of("run", number):
-            return run_of(row.text)
+            return parse_run(row.text)
         if any(row.run == number for row in self._rows):
             raise BadInput(
                 f"ledger {self.folder}: the beginning of run {number} is lost, only trials or events of it are left"
             )
-        raise BadInput(f"ledger {self.folder} has no run {number}; {self._there_is()}")
+        raise BadInput(f"ledger {self.folder} has no run {number}; {self._format_run_numbers()}")
 
     def find(self, name: str) -> RunRecord:
         """The run of a name: its number ("7", "0007") or "last".
@@ -96,19 +96,21 @@ class Ledger:
         if name == "last":
             numbers = [row.run for row in self._of("run") if row.run is not None]
             if not numbers:
-                raise BadInput(f"ledger {self.folder}: {self._there_is()}")
+                raise BadInput(f"ledger {self.folder}: {self._format_run_numbers()}")
             return self.run(max(numbers))
         if not re.fullmatch(r"[0-9]{1,9}", name):
-            raise BadInput(f"run {name!r}: a run is named by its number or 'last'; {self._there_is()}")
+            raise BadInput(
+                f"run {name!r}: a run is named by its number or 'last'; {self._format_run_numbers()}"
+            )
         return self.run(int(name))
 
     def trials(self, run: int) -> tuple[TrialRecord, ...]:
         """A run's trials, failed and aborted attempts too, in the order committed."""
-        return tuple(trial_of(row.text) for row in self._of("trial", run))
+        return tuple(parse_trial(row.text) for row in self._of("trial", run))
 
     def events(self, run: int | None) -> tuple[EventRecord, ...]:
         """A run's events in the order committed; the ledger's own for None."""
-        return tuple(event_of(row.text) for row in self._rows if row.kind == "event" and row.run == run)
+        return tuple(parse_event(row.text) for row in self._rows if row.kind == "event" and row.run == run)
 
     def state(self, run: int) -> RunState:
         """How a run stands."""
@@ -124,7 +126,7 @@ class Ledger:
     def _of(self, kind: Kind, run: int | None = None) -> list[Row]:
         return [row for row in self._rows if row.kind == kind and run in (None, row.run)]
 
-    def _there_is(self) -> str:
+    def _format_run_numbers(self) -> str:
         numbers = sorted({row.run for row in self._of("run") if row.run is not None})
         if not numbers:
             return "it has no runs yet"
@@ -139,14 +141,14 @@ def numbers_on_disk(folder: Path) -> list[int]:
     return [int(match[1]) for match in found if match]
 
 
-def _steady(folder: Path) -> tuple[Found, Holder | None]:
+def _read_steadily(folder: Path) -> tuple[LedgerRead, Holder | None]:
     """The files as they were at one moment, and who wrote to them then.
 
     Without SQLite's locks a writer that begins in between is noticed by its lock and by the files' sizes and times.
     """
     for _ in range(_LOOKS):
         holder, before = holder_of(folder), _signature(folder)
-        found = look(folder, live=holder is not None)
+        found = read_ledger(folder, live=holder is not None)
         if holder is not None or (holder_of(folder) is None and _signature(folder) == before):
             break
     return found, holder

@@ -8,12 +8,13 @@ import socket
 import sys
 import time
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 
 from labctl.errors import BadInput
 from labctl.ledger.moment import Now
+from labctl.plain_json import from_json, to_json
 
 LOCK = "ledger.lock"
 # A reader that looks whether the lock is held holds it for a moment itself.
@@ -63,16 +64,16 @@ class LedgerLock:
 
     @property
     def holder(self) -> Holder:
-        """What this writer says of itself."""
+        """Who this writer is, as the file has it."""
         return self._holder
 
     def begin_after(self, seq: int) -> None:
-        """Say after which row this writer's begin."""
+        """Write down after which row this writer's begin."""
         self._holder = replace(self._holder, after_seq=seq, last_seq=seq)
         self._write()
 
     def reached(self, seq: int) -> None:
-        """Say which row was committed last: a third witness, not waited for, should both of the others be cut."""
+        """Write down which row was committed last: a third witness, should both files be cut; not waited for."""
         self._holder = replace(self._holder, last_seq=seq)
         # The row is committed: what this file refuses must not make it look otherwise.
         with suppress(OSError):
@@ -80,7 +81,7 @@ class LedgerLock:
 
     def _write(self) -> None:
         # In one piece of one length, so that nobody reads half of it.
-        text = json.dumps(asdict(self._holder)).encode("ascii")
+        text = json.dumps(to_json(self._holder, "Holder")).encode("ascii")
         os.pwrite(self._descriptor, text.ljust(_LENGTH), 0)
 
     def __enter__(self) -> "LedgerLock":
@@ -132,7 +133,7 @@ def _take(descriptor: int, folder: Path) -> None:
 
 
 def last_seq_of(folder: Path) -> int:
-    """The sequence number that the last writer says it reached; 0 where it says nothing."""
+    """The sequence number that the last writer reached, as it wrote down; 0 where it did not."""
     try:
         descriptor = os.open(folder / LOCK, os.O_RDONLY | os.O_CLOEXEC)
     except OSError:
@@ -145,16 +146,16 @@ def last_seq_of(folder: Path) -> int:
 
 def _read(descriptor: int) -> Holder:
     try:
-        return Holder(**json.loads(os.pread(descriptor, _LENGTH, 0)))
-    except (OSError, ValueError, TypeError):
+        return from_json(Holder, json.loads(os.pread(descriptor, _LENGTH, 0)))
+    except (OSError, ValueError):
         # Its writer has just begun.
         return Holder(0, "?", "?", "just now", 0, 0)
 
 
 def _command() -> str:
-    words = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
-    if len(words) > _MOST_SHOWN:
-        words = f"{words[:_MOST_SHOWN]} ..."
-    while len(json.dumps(words)) > _LONGEST_COMMAND:
-        words = f"{words[: len(words) // 2]} ..."
-    return words
+    command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    if len(command) > _MOST_SHOWN:
+        command = f"{command[:_MOST_SHOWN]} ..."
+    while len(json.dumps(command)) > _LONGEST_COMMAND:
+        command = f"{command[: len(command) // 2]} ..."
+    return command

@@ -4,39 +4,58 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from labctl.config.rig import MarkerPoint
+from labctl.instruments.readings import Identity
+from labctl.ledger.moment import Moment
+from labctl.measurement.basis import Basis
+from labctl.measurement.result import LevelResult, RelaxationResult, TrialResult
+from labctl.measurement.windows import Window
+
 Json = Mapping[str, Any]
 Outcome = Literal["good", "failed", "aborted"]
 
 
 @dataclass(frozen=True)
-class Moment:
-    """One moment on both clocks.
+class RunRequest:
+    """What was asked for, complete: from it, the design and the rig the same plan follows again.
 
-    `wall` is ISO 8601 with the time zone; `mono_s` the machine's monotonic clock, which no one can set back and
-    which counts from the boot that `boot` names.
+    `placements` are the orders in which the patterns' fibers lie on the sheet, one sheet each; a protocol that
+    needs one sheet has one. `trials` is how many of each kind, `attempts` how often each may be tried.
     """
 
-    wall: str
-    mono_s: float
-    boot: str
+    protocol: str
+    patterns: tuple[str, ...]
+    pressures_psi: tuple[float, ...]
+    trials: int
+    attempts: int
+    placements: tuple[str, ...]
+    watch_s: float | None
+
+
+@dataclass(frozen=True)
+class SimulatedHeights:
+    """The simulator's heights (m,) in mm of a pattern at a gauge pressure, over the rig's measuring points."""
+
+    pattern: str
+    pressure_psi: float
+    heights_mm: tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class RunRecord:
     """A run as it was begun.
 
-    `number` counts runs from 1. `request` is what was asked for, enough to make the same plan again (protocol,
-    patterns, pressures_psi, trials, attempts, placements, watch_s), `planned_trials` how many trials that plan has.
-    `design_text` is the whole design file, `rig` the whole configuration. `identities` maps "regulator", "valves" and
-    "markers" to model, serial_number, firmware and notes. `simulated_heights` is the simulator's word: a list of
-    {pattern, pressure_psi, heights_mm}. `versions` maps
-    programs to versions, `commit` is the checkout's, with "+changes" where it had any; None where there is none.
+    `number` counts runs from 1. `planned_trials` is how many trials the plan of the `request` has. `design_text` is
+    the whole design file. `rig` is the whole configuration (`labctl.config.rig.RigConfig`) as plain JSON: a run must
+    stay readable when a configuration has other fields; what its recordings are judged by is typed in `basis`.
+    `identities` maps "regulator", "valves" and "markers" to who answered. `versions` maps programs to versions,
+    `commit` is the checkout's, with "+changes" where it had any; None where there is none.
     """
 
     number: int
     protocol: str
     begun: Moment
-    request: Json
+    request: RunRequest
     planned_trials: int
     design_name: str
     design_source: str
@@ -44,12 +63,39 @@ class RunRecord:
     rig_name: str
     rig: Json
     simulated: bool
-    identities: Json
-    simulated_heights: tuple[Json, ...]
-    versions: Json
+    identities: Mapping[str, Identity]
+    simulated_heights: tuple[SimulatedHeights, ...]
+    versions: Mapping[str, str]
     commit: str | None
     operator: str
     note: str
+
+    @property
+    def points(self) -> tuple[MarkerPoint, ...]:
+        """The m measuring points in the rig's order."""
+        return tuple(MarkerPoint(**point) for point in self.rig["markers"]["points"])
+
+    @property
+    def tolerance_psi(self) -> float:
+        """How far the pressure may be from the one to hold."""
+        return float(self.rig["limits"]["hold_tolerance_psi"])
+
+    def basis(self, pattern: str) -> Basis:
+        """What the run's recordings of a pattern are judged by."""
+        markers, measurement = self.rig["markers"], self.rig["measurement"]
+        return Basis(
+            points=self.points,
+            up=markers["up"],
+            frequency_hz=float(markers["frequency_hz"]),
+            tolerance_psi=self.tolerance_psi,
+            min_points=int(measurement["min_points"]),
+            min_share=float(measurement["min_share"]),
+            simulated_mm={
+                float(simulated.pressure_psi): tuple(map(float, simulated.heights_mm))
+                for simulated in self.simulated_heights
+                if simulated.pattern == pattern
+            },
+        )
 
 
 @dataclass(frozen=True)
@@ -62,14 +108,21 @@ class RawFile:
 
 
 @dataclass(frozen=True)
+class SafeReadBack:
+    """Whether SAFE was read back after the teardown, and what was read, in words."""
+
+    safe: bool
+    words: str
+
+
+@dataclass(frozen=True)
 class TrialRecord:
     """One attempt at one of a run's trials.
 
     `number` is the planned trial's, from 1; `attempt` counts from 1. `outcome` "good" counts; "failed" and
-    "aborted" never do, and `reason` says why. `windows` are the stretches of the recording that the numbers come from
-    (`labctl.measurement.windows`), `raw` the files ("frames" and "pressures"; empty where nothing was recorded),
-    `result` what was derived from them (`labctl.measurement.result`); None where nothing could be. `safe` is what was
-    read back after the teardown: {safe, words}.
+    "aborted" never do, and `reason` is why. `windows` are the stretches of the recording that the numbers come
+    from, `raw` the files ("frames" and "pressures"; empty where nothing was recorded), `result` what was derived from
+    them; None where nothing could be.
     """
 
     run: int
@@ -82,10 +135,20 @@ class TrialRecord:
     ended: Moment
     outcome: Outcome
     reason: str
-    windows: tuple[Json, ...]
+    windows: tuple[Window, ...]
     raw: Mapping[str, RawFile]
-    result: Json | None
-    safe: Json
+    result: TrialResult | None
+    safe: SafeReadBack
+
+    @property
+    def levels(self) -> tuple[LevelResult, ...]:
+        """The results at its pressures, in the order measured; empty where there is no result."""
+        return () if self.result is None else self.result.levels
+
+    @property
+    def relaxation(self) -> RelaxationResult | None:
+        """The sheet's way back after venting; None where it was not watched or there is no result."""
+        return None if self.result is None else self.result.relaxation
 
 
 @dataclass(frozen=True)
@@ -93,7 +156,7 @@ class EventRecord:
     """Something that happened to a run (`run` None: to the ledger itself).
 
     `kind`: "trial-begun", "paused", "resumed", "abort-asked", "interrupted", "continued", "finished", "failed",
-    "clock-set-back", "restored", ... `detail` says more.
+    "clock-set-back", "restored", ... `detail` holds the rest.
     """
 
     run: int | None

@@ -12,8 +12,8 @@ from labctl.errors import BadInput, LabError
 from labctl.ledger.disk import check_is_folder, disk_errors, is_damage, make_folder
 from labctl.ledger.ledger import Ledger, numbers_on_disk
 from labctl.ledger.lock import LedgerLock
-from labctl.ledger.moment import Now, now, set_back_s
-from labctl.ledger.records import EventRecord, Moment, RunRecord, TrialRecord
+from labctl.ledger.moment import Moment, Now, now, set_back_s
+from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
 from labctl.ledger.store.journal import JOURNAL, JournalWriter
 from labctl.ledger.store.mounts import refuse_network
 from labctl.ledger.store.record_text import Record
@@ -30,16 +30,16 @@ class LedgerWriter(Ledger):
     Calls may come from any thread.
     """
 
-    def __init__(self, folder: Path, tell: Callable[[str], None], clock: Now) -> None:
-        """Take the lock and bring the files into agreement; `open` says what is raised."""
-        self._tell = tell
+    def __init__(self, folder: Path, report: Callable[[str], None], clock: Now) -> None:
+        """Take the lock and bring the files into agreement; `open` lists what is raised."""
+        self._report = report
         self._clock = clock
         self._guard = threading.RLock()
         # Why nothing more may be appended: what an append left behind is not known.
         self._unsure: str | None = None
         with ExitStack() as opened:
             self._lock = opened.enter_context(LedgerLock(folder, clock))
-            rows = recover(folder, clock, tell)
+            rows = recover(folder, clock, report)
             self._journal = JournalWriter(folder / JOURNAL)
             opened.callback(self._journal.close)
             self._connection = connect(folder / SQLITE)
@@ -49,8 +49,8 @@ class LedgerWriter(Ledger):
             self._opened = opened.pop_all()
 
     @classmethod
-    def open(cls, folder: Path, tell: Callable[[str], None], clock: Now = now) -> Self:
-        """Open the ledger in a folder to write to it, and make it where there is none. What is repaired is told.
+    def open(cls, folder: Path, report: Callable[[str], None], clock: Now = now) -> Self:
+        """Open the ledger in a folder to write to it, and make it where there is none. What is repaired is reported.
 
         Raises:
             BadInput: another process writes to it; the folder cannot be written, is a file or is on a network file
@@ -61,7 +61,7 @@ class LedgerWriter(Ledger):
         refuse_network(folder)
         with disk_errors(folder, "opening it to write", BadInput):
             make_folder(folder)
-            return cls(folder, tell, clock)
+            return cls(folder, report, clock)
 
     def close(self) -> None:
         """Close the files and let another writer in; may be called twice."""
@@ -136,14 +136,14 @@ class LedgerWriter(Ledger):
         self._commit(row_of(self._next_seq(), at, record))
 
     def _watch_clock(self, at: Moment, run: int | None) -> None:
-        """Say where the wall clock was set back since the last row; the order stays."""
+        """Report that the wall clock was set back since the last row, where it was; the order stays."""
         if not self._rows:
             return
         before = self._rows[-1].at
         back_s = set_back_s(before, at)
         if not back_s:
             return
-        self._tell(
+        self._report(
             f"the clock of this machine was set back by {back_s:.0f} s: the last row was written at {before.wall}, "
             f"it is {at.wall} now. Rows stay in the order written, durations are by the monotonic clock"
         )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-# Three numbers are fitted, and the error of one is told.
+# Three numbers are fitted, and the error of one is estimated.
 FEWEST_SAMPLES = 6
 # A change of height that is no more than this is noise.
 FLAT_MM = 0.05
@@ -32,11 +32,11 @@ class Decay:
 
 
 def fit_decay(time_s: Floats, height_mm: Floats) -> Decay | str:
-    """The decay nearest to the first heights (k,) at rising times (k,), by least squares; or, in words, why none.
+    """The decay nearest to the first heights (k,) at rising times (k,), by least squares; or why there is none.
 
     "First" is up to five time constants of the decay itself, found by fitting again until the samples are the same:
     a slow creep that goes on for minutes would otherwise pull the time constant up with every minute that is watched.
-    A time constant longer than the samples last is not told from a straight line, and is refused.
+    A time constant longer than the samples last cannot be told from a straight line, and is refused.
     """
     if len(time_s) < FEWEST_SAMPLES:
         return (

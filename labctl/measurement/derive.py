@@ -1,7 +1,8 @@
 """From a trial's recording to its numbers.
 
 Pure and deterministic: the same recording, windows and basis give the same numbers to the last bit, live, in
-`labctl verify` and years later. Whatever is wrong with a recording is said in `problems`; nothing is raised for it.
+`labctl verify` and years later. Whatever is wrong with a recording is in `problems`, and nothing is raised for it.
+`labctl verify` compares the texts too: one that is changed here no longer agrees with the ledgers that hold it.
 """
 
 from collections.abc import Sequence
@@ -79,7 +80,7 @@ def _uninflated(
 
 
 def _pressure_problem(recording: Recording, window: Window) -> str | None:
-    """What to say where the sheet was under pressure."""
+    """What is wrong where the sheet was under pressure."""
     gauge_psi = recording.gauge_psi_between(window.start_s, window.end_s)
     tolerance_psi = recording.basis.tolerance_psi
     if not len(gauge_psi) or gauge_psi.max() <= tolerance_psi + EDGE_PSI:

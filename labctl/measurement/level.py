@@ -16,7 +16,7 @@ from labctl.mocap.heights import inflation_heights_mm
 from labctl.mocap.transfer import TransferError, transfer_error
 from labctl.mocap.window import MarkerWindow, average
 
-# A device tells its readings in hundredths: one that stands on the edge is inside.
+# A device reports its readings in hundredths: one that stands on the edge is inside.
 EDGE_PSI = 1e-6
 
 Floats = NDArray[np.float64]

@@ -15,7 +15,7 @@ from labctl.mocap.window import MarkerWindow, average
 
 # A stream that brought less than this share of what was due had stalled.
 FEWEST_FRAMES = 0.5
-# Cameras keep their frequency far better; a time that is told in another unit is off by more.
+# Cameras keep their frequency far better; a time in another unit is off by more.
 STEP_TOLERANCE = 0.02
 
 Floats = NDArray[np.float64]
@@ -49,7 +49,7 @@ class Recording:
         return gauge_psi[(time_s >= start_s) & (time_s <= end_s) & np.isfinite(gauge_psi)]
 
     def flow_problem(self, frames: int, start_s: float, end_s: float) -> str | None:
-        """What to say where a stream brought too few frames; None where it brought enough."""
+        """What is wrong where a stream brought too few frames; None where it brought enough."""
         due = (end_s - start_s) * self.basis.frequency_hz
         if frames and frames >= FEWEST_FRAMES * due:
             return None

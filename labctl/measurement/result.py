@@ -63,7 +63,7 @@ class RelaxationResult:
 
 @dataclass(frozen=True)
 class TrialResult:
-    """Everything derived from one recording; `problems` says why it does not count, and is empty where it does.
+    """Everything derived from one recording; `problems` are why it does not count, and is empty where it does.
 
     `frame_residual_mm` is how far the uninflated markers are from their sheet points (root mean square).
     """

@@ -5,18 +5,18 @@ derived from these files, then the ledger commits the trial; only then does anyb
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from labctl.errors import LabError, Stopped, Tripped
 from labctl.ledger.moment import now
 from labctl.ledger.raw.recording import RawRecorder, read_frames, read_pressures
-from labctl.ledger.records import Outcome, RawFile, RunRecord, TrialRecord
+from labctl.ledger.records import Outcome, RawFile, RunRecord, SafeReadBack, TrialRecord
 from labctl.ledger.writer import LedgerWriter
-from labctl.measurement.codec import basis_of, to_json
 from labctl.measurement.derive import derive
 from labctl.measurement.result import TrialResult
 from labctl.measurement.windows import Window
+from labctl.plain_json import to_json
 from labctl.rig import Rig
 from labctl.session.contract import Bench, Step, Trial
 from labctl.session.events import write_event
@@ -55,11 +55,10 @@ def attempt(trial: Trial, number: int, at: Workplace) -> Attempt:
     windows: list[Window] = []
     performed = _perform(trial, at, recorder, windows)
     raw, error = _finish(recorder, performed.first_error or _trip(at.rig))
-    result = plain = None
+    result = None
     if windows and len(raw) == 2:
         try:
             result = _derive(at, trial, raw, windows)
-            plain = to_json(result)
         # What was recorded must reach the ledger, whatever its numbers do.
         except Exception as caught:
             error = error or caught
@@ -75,9 +74,9 @@ def attempt(trial: Trial, number: int, at: Workplace) -> Attempt:
         ended=now(),
         outcome=outcome,
         reason=reason,
-        windows=tuple(asdict(window) for window in windows),
+        windows=tuple(windows),
         raw=raw,
-        result=plain,
+        result=result,
         safe=_safe(at.rig),
     )
     at.ledger.add_trial(record)
@@ -129,7 +128,10 @@ def _derive(at: Workplace, trial: Trial, raw: Mapping[str, RawFile], windows: li
     folder = Path(at.ledger.folder)
     frames = read_frames(folder / raw["frames"].path)
     pressures = read_pressures(folder / raw["pressures"].path)
-    return derive(frames, pressures, windows, basis_of(at.run, trial.pattern))
+    result = derive(frames, pressures, windows, at.run.basis(trial.pattern))
+    # Numbers that the ledger does not hold must not keep the rest of the trial out of it.
+    to_json(result, "result")
+    return result
 
 
 def _judge(
@@ -161,11 +163,11 @@ def _judge(
     return "good", ""
 
 
-def _safe(rig: Rig) -> dict[str, object]:
+def _safe(rig: Rig) -> SafeReadBack:
     report = rig.safe_report
     if report is None:
-        return {"safe": False, "words": "never read back"}
-    return {"safe": report.safe, "words": report.describe()}
+        return SafeReadBack(safe=False, words="never read back")
+    return SafeReadBack(report.safe, report.describe())
 
 
 def _stem(at: Workplace, trial: Trial, number: int) -> str:

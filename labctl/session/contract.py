@@ -6,40 +6,13 @@ protocols by the entry point group "labctl.protocols" (docs/how-to/write-a-proto
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from labctl.config.design import Design
 from labctl.config.rig import RigConfig
+from labctl.ledger.records import RunRequest
 from labctl.measurement.windows import Window
 from labctl.rig import Rig
-
-
-@dataclass(frozen=True)
-class RunRequest:
-    """What was asked for, complete: from it, the design and the rig the same plan follows again.
-
-    `placements` are the orders in which the patterns' fibers lie on the sheet, one sheet each; a protocol that
-    needs one sheet has one. `trials` is how many of each kind, `attempts` how often each may be tried.
-    """
-
-    protocol: str
-    patterns: tuple[str, ...]
-    pressures_psi: tuple[float, ...]
-    trials: int
-    attempts: int
-    placements: tuple[str, ...]
-    watch_s: float | None
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any]) -> "RunRequest":
-        """The inverse of `to_json`."""
-        lists = {key: tuple(data[key]) for key in ("patterns", "pressures_psi", "placements")}
-        return cls(**{**data, **lists})
 
 
 @dataclass(frozen=True)

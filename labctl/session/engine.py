@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from labctl.errors import LabError, Stopped, Tripped, Unsafe
 from labctl.ledger.records import RunRecord, TrialRecord
 from labctl.ledger.writer import LedgerWriter
+from labctl.plain_json import to_json
 from labctl.rig import Rig
 from labctl.session.attempt import Attempt, Workplace, attempt
 from labctl.session.contract import Trial
 from labctl.session.events import begun_attempts, write_event
 from labctl.session.run_stop import RunStop
-from labctl.statistics.summary import RunSummary, summarise, summary_to_json
+from labctl.statistics.summary import RunSummary, summarise
 
 _PAUSE_LOOK_S = 0.2
 
@@ -69,7 +70,7 @@ def conduct(
             _note_the_end(ledger, run, kind, str(error) or repr(error), listener)
         raise
     summary = summarise(run, ledger.trials(run.number))
-    write_event(ledger, run.number, "finished", {"summary": summary_to_json(summary)})
+    write_event(ledger, run.number, "finished", {"summary": to_json(summary, "summary")})
     return run, summary
 
 
@@ -130,8 +131,8 @@ def _require_that_it_may_go_on(made: Attempt, at: Workplace) -> None:
         raise error
     # A stop that came too late for the step to see it, a trip during the teardown.
     at.rig.check()
-    if not made.record.safe["safe"]:
-        raise Unsafe(f"{at.rig.config.name}: {made.record.safe['words']}")
+    if not made.record.safe.safe:
+        raise Unsafe(f"{at.rig.config.name}: {made.record.safe.words}")
 
 
 def _pause_if_asked(at: Workplace, listener: Listener) -> None:

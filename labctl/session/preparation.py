@@ -10,13 +10,14 @@ from labctl.config.design import Design
 from labctl.config.load import design_from_text, design_text, load_design
 from labctl.config.rig import RigConfig
 from labctl.errors import BadInput
+from labctl.instruments.readings import Identity
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.moment import now
-from labctl.ledger.records import Json, RunRecord
+from labctl.ledger.records import RunRecord, RunRequest, SimulatedHeights
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session.catalogue import find_protocol, package_of
-from labctl.session.contract import Protocol, RunRequest, Trial
+from labctl.session.contract import Protocol, Trial
 from labctl.session.events import unrecorded_attempts, write_event
 from labctl.session.provenance import commit, versions
 from labctl.session.request import RunOptions, complete
@@ -63,8 +64,7 @@ def prepare_again(ledger: Ledger, name: str) -> PreparedRun:
             f"run {run.number} is finished; look at it with labctl show {run.number}, or begin a new one"
         )
     design = design_from_text(run.design_text, run.design_source)
-    request = RunRequest.from_json(dict(run.request))
-    return PreparedRun(find_protocol(run.protocol), request, design, run.design_text, run)
+    return PreparedRun(find_protocol(run.protocol), run.request, design, run.design_text, run)
 
 
 def require_same_rig(run: RunRecord, config: RigConfig) -> None:
@@ -97,7 +97,7 @@ def require_same_plan(ledger: Ledger, run: RunRecord, trials: Sequence[Trial]) -
         if planned.get(was.number) != (was.placement, was.pattern, was.pressures_psi):
             pressures = ", ".join(f"{psi:g}" for psi in was.pressures_psi)
             found.append(f"trial {was.number} was {was.placement} {was.pattern} at {pressures} psi")
-    simulated = {(level["pattern"], level["pressure_psi"]) for level in run.simulated_heights}
+    simulated = {(level.pattern, level.pressure_psi) for level in run.simulated_heights}
     wanted = {(trial.pattern, psi) for trial in trials for psi in trial.pressures_psi}
     found += [f"{pattern} at {psi:g} psi was not simulated" for pattern, psi in sorted(wanted - simulated)]
     if found:
@@ -107,7 +107,9 @@ def require_same_plan(ledger: Ledger, run: RunRecord, trials: Sequence[Trial]) -
         )
 
 
-def simulated_heights(design: Design, trials: Sequence[Trial], config: RigConfig) -> tuple[Json, ...]:
+def simulated_heights(
+    design: Design, trials: Sequence[Trial], config: RigConfig
+) -> tuple[SimulatedHeights, ...]:
     """The simulator's heights of every pattern and pressure of a plan, as a run's record holds them.
 
     Raises:
@@ -116,7 +118,7 @@ def simulated_heights(design: Design, trials: Sequence[Trial], config: RigConfig
     points_mm = config.markers.points_mm()
     wanted = dict.fromkeys((trial.pattern, psi) for trial in trials for psi in trial.pressures_psi)
     return tuple(
-        {"pattern": pattern, "pressure_psi": psi, "heights_mm": _heights_mm(design, pattern, psi, points_mm)}
+        SimulatedHeights(pattern, psi, _heights_mm(design, pattern, psi, points_mm))
         for pattern, psi in wanted
     )
 
@@ -125,7 +127,7 @@ def begin(
     ledger: LedgerWriter,
     prepared: PreparedRun,
     planned_trials: int,
-    heights: tuple[Json, ...],
+    heights: tuple[SimulatedHeights, ...],
     rig: Rig,
     operator: str,
     note: str,
@@ -136,7 +138,7 @@ def begin(
             number=0,
             protocol=prepared.protocol.name,
             begun=now(),
-            request=prepared.request.to_json(),
+            request=prepared.request,
             planned_trials=planned_trials,
             design_name=prepared.design.name,
             design_source=prepared.design.source,
@@ -144,7 +146,7 @@ def begin(
             rig_name=rig.config.name,
             rig=asdict(rig.config),
             simulated=rig.config.simulated,
-            identities=asdict(rig.identities),
+            identities=_identities(rig),
             simulated_heights=heights,
             versions={**versions(), **package_of(prepared.protocol.name)},
             commit=commit(),
@@ -173,27 +175,32 @@ def go_on(ledger: LedgerWriter, run: RunRecord, rig: Rig, operator: str, note: s
 
 def changed_instruments(run: RunRecord, rig: Rig) -> tuple[str, ...]:
     """In words, each instrument that answers otherwise than when the run was begun; the ledger keeps both answers."""
-    answers = asdict(rig.identities)
     return tuple(
         f"{instrument}: the run was begun with {_who(run.identities[instrument])}, {_who(now_there)} answers now"
-        for instrument, now_there in answers.items()
+        for instrument, now_there in _identities(rig).items()
         if _who(run.identities[instrument]) != _who(now_there)
     )
 
 
-def _who(identity: Mapping[str, Any]) -> str:
+def _identities(rig: Rig) -> dict[str, Identity]:
+    answered = rig.identities
+    return {"regulator": answered.regulator, "valves": answered.valves, "markers": answered.markers}
+
+
+def _who(identity: Identity) -> str:
     """An instrument's name for itself."""
-    number, firmware = identity["serial_number"], identity["firmware"]
-    return f"{identity['model']}, serial number {number or 'not told'}, firmware {firmware or 'not told'}"
+    number, firmware = identity.serial_number, identity.firmware
+    return f"{identity.model}, serial number {number or 'not told'}, firmware {firmware or 'not told'}"
 
 
-def _heights_mm(design: Design, pattern: str, pressure_psi: float, points_mm: np.ndarray) -> list[float]:
+def _heights_mm(
+    design: Design, pattern: str, pressure_psi: float, points_mm: np.ndarray
+) -> tuple[float, ...]:
     # Not before it is wanted: what is asked for wrongly should be answered at once.
     from labctl.simulation.patterns import simulate_pattern
 
     simulated = simulate_pattern(design, pattern, design.sheet.strain_at(pressure_psi))
-    heights: list[float] = simulated.points_mm(points_mm)[:, 2].tolist()
-    return heights
+    return tuple(simulated.points_mm(points_mm)[:, 2].tolist())
 
 
 def _differences(before: Mapping[str, Any], after: Mapping[str, Any], path: str) -> Sequence[str]:

@@ -7,9 +7,10 @@ from labctl.config.design import Design
 from labctl.config.load import check_fit
 from labctl.config.rig import RigConfig
 from labctl.errors import BadInput, LabError
+from labctl.ledger.records import RunRequest
 from labctl.measurement.decay import FEWEST_SAMPLES
 from labctl.measurement.relaxation import STRETCH_S
-from labctl.session.contract import Protocol, RunRequest, Trial
+from labctl.session.contract import Protocol, Trial
 
 MOST_TRIALS = 1000
 # A watch that no trial could come out good of.

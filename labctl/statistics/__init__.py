@@ -1,1 +1,1 @@
-"""What trials say together: means, intervals, comparisons, tables."""
+"""What trials give together: means, intervals, comparisons, tables."""

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from labctl.ledger.records import RunRecord, TrialRecord
-from labctl.measurement.codec import basis_of
 from labctl.statistics.intervals import (
     Interval,
     bootstrap_difference,
@@ -36,7 +35,7 @@ class GroupName:
     pressure_psi: float
 
     def describe(self) -> str:
-        """In words."""
+        """The group for a person: "run 7, neat, sphere at 3.9 psi"."""
         return f"run {self.run}, {self.placement}, {self.pattern} at {self.pressure_psi:g} psi"
 
 
@@ -61,7 +60,7 @@ class OverPoints:
 
     `bootstrap` and `t` are 95 % intervals of the mean difference over the sheet, were other points like these
     measured; neighbouring points move together, so that they are narrower than they should be. `wilcoxon_p` is the
-    signed-rank test of no difference. None of it tells trial from trial.
+    signed-rank test of no difference. None of it distinguishes trial from trial.
     """
 
     points: int
@@ -148,7 +147,7 @@ def _compare(
     other_key: GroupKey,
     other_levels: Sequence[GoodLevel],
 ) -> GroupComparison:
-    same_points = basis_of(run, key[1]).points == basis_of(other, other_key[1]).points
+    same_points = run.points == other.points
     return GroupComparison(
         one=GroupName(run.number, *key),
         other=GroupName(other.number, *other_key),

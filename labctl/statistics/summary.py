@@ -2,13 +2,11 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from labctl.ledger.records import RunRecord, TrialRecord
-from labctl.measurement.codec import basis_of, result_from_json, to_json
-from labctl.measurement.result import Heights, LevelResult, TrialResult
+from labctl.measurement.result import Heights, LevelResult
 from labctl.statistics.intervals import Interval, Method, bootstrap_mean, t_mean
 
 GroupKey = tuple[str, str, float]
@@ -16,7 +14,7 @@ GroupKey = tuple[str, str, float]
 
 @dataclass(frozen=True)
 class Group:
-    """What the good trials of one placement, pattern and pressure say together.
+    """What the good trials of one placement, pattern and pressure give together.
 
     `trials` counts them. `e_t_sd_percent` is the standard deviation over trials (n - 1), from `e_t_low_percent` to
     `e_t_high_percent` the 95 % bootstrap interval of the mean by `e_t_interval`, from `e_t_t_low_percent` to
@@ -83,21 +81,16 @@ def good_levels(trials: Iterable[TrialRecord]) -> Mapping[GroupKey, tuple[GoodLe
     """The levels that count, by placement, pattern and pressure; one that a trial repeats counts once, the last."""
     found: dict[GroupKey, dict[int, GoodLevel]] = {}
     for trial in good_trials(trials):
-        result = result_from_json(trial.result or {})
-        for place, level in enumerate(result.levels, start=1):
+        for place, level in enumerate(trial.levels, start=1):
             key = (trial.placement, trial.pattern, level.pressure_psi)
-            tau_s = _tau_s(result) if place == len(result.levels) else None
+            tau_s = tau_of(trial) if place == len(trial.levels) else None
             found.setdefault(key, {})[trial.number] = GoodLevel(trial.number, level, tau_s)
     return {key: tuple(levels.values()) for key, levels in found.items()}
 
 
-def summary_to_json(summary: RunSummary) -> dict[str, Any]:
-    """A summary as plain JSON; every float comes back to the last bit."""
-    return to_json(summary)
-
-
-def _tau_s(result: TrialResult) -> float | None:
-    return None if result.relaxation is None else result.relaxation.tau_s
+def tau_of(trial: TrialRecord) -> float | None:
+    """The time constant of a trial's relaxation, in s."""
+    return None if trial.relaxation is None else trial.relaxation.tau_s
 
 
 def _group(run: RunRecord, key: GroupKey, levels: Sequence[GoodLevel]) -> Group:
@@ -122,7 +115,7 @@ def _group(run: RunRecord, key: GroupKey, levels: Sequence[GoodLevel]) -> Group:
         e_t_t_high_percent=None if student is None else student.high,
         heights_mean_mm=tuple(mean(known_of(point)) for point in zip(*heights, strict=True)),
         heights_sd_mm=tuple(deviation(known_of(point)) for point in zip(*heights, strict=True)),
-        simulated_mm=basis_of(run, pattern).simulated_mm.get(pressure_psi, ()),
+        simulated_mm=run.basis(pattern).simulated_mm.get(pressure_psi, ()),
         per_point_mean_percent=tuple(mean(known_of(point)) for point in zip(*errors, strict=True)),
         per_point_sd_percent=tuple(deviation(known_of(point)) for point in zip(*errors, strict=True)),
         tau_mean_s=mean(tau),

@@ -7,9 +7,8 @@ import pandas as pd
 
 from labctl.errors import BadInput
 from labctl.ledger.records import RunRecord, TrialRecord
-from labctl.measurement.codec import basis_of, result_from_json
 from labctl.measurement.result import LevelResult
-from labctl.statistics.summary import Group, RunSummary, summarise
+from labctl.statistics.summary import Group, RunSummary, summarise, tau_of
 
 # A cell of the published table that was not measured.
 NOTHING = "—"
@@ -43,17 +42,17 @@ def table_iii(summaries: Sequence[RunSummary]) -> pd.DataFrame:
     rows: dict[str, dict[str, str]] = {}
     for group in groups:
         row = rows.setdefault(_row_name(group, groups), dict.fromkeys(patterns, NOTHING))
-        row[group.pattern] = percent_text(group.e_t_mean_percent, group.e_t_sd_percent)
+        row[group.pattern] = format_percent(group.e_t_mean_percent, group.e_t_sd_percent)
     table = pd.DataFrame.from_dict(rows, orient="index", columns=patterns)
     return table.rename(columns={name: f"{name} e_t" for name in patterns}).rename_axis("fiber placement")
 
 
-def percent_text(mean_percent: float | None, sd_percent: float | None) -> str:
+def format_percent(mean_percent: float | None, sd_percent: float | None) -> str:
     """A mean and its standard deviation in the published way: "17.1% ± 0.5%"."""
     if mean_percent is None:
         return NOTHING
-    words = f"{mean_percent:.1f}%"
-    return words if sd_percent is None else f"{words} ± {sd_percent:.1f}%"
+    text = f"{mean_percent:.1f}%"
+    return text if sd_percent is None else f"{text} ± {sd_percent:.1f}%"
 
 
 def trials_table(run: RunRecord, trials: Sequence[TrialRecord]) -> pd.DataFrame:
@@ -63,12 +62,11 @@ def trials_table(run: RunRecord, trials: Sequence[TrialRecord]) -> pd.DataFrame:
     """
     rows: list[Mapping[str, Any]] = []
     for trial in trials:
-        levels = _levels(trial)
         head = _head(run, trial) | {"reason": trial.reason}
-        for place, level in enumerate(levels, start=1):
-            tau_s = _tau_s(trial) if place == len(levels) else None
+        for place, level in enumerate(trial.levels, start=1):
+            tau_s = tau_of(trial) if place == len(trial.levels) else None
             rows.append(head | _of(level, _TRIAL_COLUMNS) | {"tau_s": tau_s})
-        if not levels:
+        if not trial.levels:
             rows.append(head)
     return _typed(rows, _TRIAL_COLUMNS)
 
@@ -77,8 +75,8 @@ def points_table(run: RunRecord, trials: Sequence[TrialRecord]) -> pd.DataFrame:
     """A row for each attempt, pressure level and measuring point; points count from 1, in the rig's order."""
     rows: list[Mapping[str, Any]] = []
     for trial in trials:
-        basis = basis_of(run, trial.pattern)
-        for level in _levels(trial):
+        basis = run.basis(trial.pattern)
+        for level in trial.levels:
             simulated_mm = basis.simulated_mm.get(level.pressure_psi) or (None,) * len(basis.points)
             head = _head(run, trial) | {"pressure_psi": level.pressure_psi, "frames": level.frames}
             rows += [
@@ -115,7 +113,7 @@ def calibration_table(run: RunRecord, trials: Sequence[TrialRecord]) -> pd.DataF
             f"run {run.number} has good trials of {len(kinds)} kinds of sheet and pattern, and a table to calibrate "
             "by is of exactly one; export a run of the calibration protocol"
         )
-    points = basis_of(run, groups[0].pattern).points
+    points = run.points
     table = pd.DataFrame(
         {
             "point": range(1, len(points) + 1),
@@ -146,12 +144,3 @@ def _head(run: RunRecord, trial: TrialRecord) -> dict[str, Any]:
 
 def _of(level: LevelResult, columns: Iterable[str]) -> dict[str, Any]:
     return {name: getattr(level, name) for name in columns if hasattr(level, name)}
-
-
-def _levels(trial: TrialRecord) -> tuple[LevelResult, ...]:
-    return () if trial.result is None else result_from_json(trial.result).levels
-
-
-def _tau_s(trial: TrialRecord) -> float | None:
-    relaxation = (trial.result or {}).get("relaxation")
-    return None if relaxation is None else relaxation["tau_s"]

@@ -1,4 +1,4 @@
-"""Two records compared number by number: where they differ, what each says."""
+"""Two records compared number by number: where they differ, and by what."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,11 +14,11 @@ class Difference:
     recomputed: Any
 
     def describe(self) -> str:
-        """In words; of two numbers also how far they are apart."""
-        words = f"{self.where}: stored {self.stored!r}, recomputed {self.recomputed!r}"
+        """The difference for a person; of two numbers also how far they are apart."""
+        text = f"{self.where}: stored {self.stored!r}, recomputed {self.recomputed!r}"
         if _is_number(self.stored) and _is_number(self.recomputed):
-            words += f" ({self.recomputed - self.stored:+.3g})"
-        return words
+            text += f" ({self.recomputed - self.stored:+.3g})"
+        return text
 
 
 def differences(stored: object, recomputed: object, where: str = "") -> tuple[Difference, ...]:

@@ -9,9 +9,9 @@ from labctl.ledger.ledger import Ledger
 from labctl.ledger.raw.check import file_problem
 from labctl.ledger.raw.recording import read_frames, read_pressures
 from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
-from labctl.measurement.codec import basis_of, to_json, window_from_json
 from labctl.measurement.derive import derive
-from labctl.statistics.summary import summarise, summary_to_json
+from labctl.plain_json import to_json
+from labctl.statistics.summary import summarise
 from labctl.verification.differences import Difference, differences
 
 # What a recording must have for its numbers to be derived.
@@ -82,7 +82,7 @@ def _unrecorded(ledger: Ledger, run: RunRecord, trials: Sequence[TrialRecord]) -
 
 def verify_trial(folder: Path, run: RunRecord, trial: TrialRecord) -> TrialVerification:
     """Look at one attempt's raw files, which are in the ledger's folder, and recompute its numbers from them."""
-    problems = [words for file in trial.raw.values() if (words := file_problem(folder, file)) is not None]
+    problems = [problem for file in trial.raw.values() if (problem := file_problem(folder, file)) is not None]
     found: tuple[Difference, ...] = ()
     recomputed = False
     if not problems and trial.result is not None and all(stream in trial.raw for stream in _STREAMS):
@@ -108,17 +108,17 @@ def _recompute(folder: Path, run: RunRecord, trial: TrialRecord) -> tuple[Differ
     result = derive(
         read_frames(folder / trial.raw["frames"].path),
         read_pressures(folder / trial.raw["pressures"].path),
-        [window_from_json(window) for window in trial.windows],
-        basis_of(run, trial.pattern),
+        trial.windows,
+        run.basis(trial.pattern),
     )
-    return differences(trial.result, to_json(result))
+    return differences(to_json(trial.result), to_json(result, "result"))
 
 
 def _good_problems(trial: TrialRecord, recomputed: bool) -> list[str]:
     """What does not go together with a trial that is recorded as good."""
     if not recomputed:
         return ["recorded as good, and there is no recording or no result to recompute"]
-    problems = () if trial.result is None else trial.result["problems"]
+    problems = () if trial.result is None else trial.result.problems
     return [f"recorded as good, although: {problem}" for problem in problems]
 
 
@@ -128,4 +128,4 @@ def _verify_summary(
     stored = [event.detail["summary"] for event in events if event.kind == "finished"]
     if not stored:
         return None
-    return differences(stored[-1], summary_to_json(summarise(run, trials)))
+    return differences(stored[-1], to_json(summarise(run, trials), "summary"))

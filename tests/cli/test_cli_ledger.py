@@ -1,28 +1,20 @@
 """`labctl runs` and `labctl show` on a small ledger."""
 
 import json
+from dataclasses import replace
 
 import pytest
-from made_ledger import ENDED, a_run, a_trial, an_event, changed_bytes, not_a_word
+from made_ledger import ENDED, REQUEST, a_run, a_trial, an_event, changed_bytes, not_a_word
 
 from labctl.cli.main import run as labctl
 from labctl.ledger.records import EventRecord
 from labctl.ledger.writer import LedgerWriter
-from labctl.measurement.codec import to_json
 from labctl.measurement.result import LevelResult, RelaxationResult, TrialResult
 
 RIG = {
     "markers": {"points": [{"id": 4, "x_mm": 70.0, "y_mm": 70.0}], "up": "+z", "frequency_hz": 960.0},
     "limits": {"hold_tolerance_psi": 0.1},
     "measurement": {"min_points": 1, "min_share": 0.5},
-}
-REQUEST = {
-    "protocol": "five-trial",
-    "patterns": ["sphere"],
-    "pressures_psi": [3.9],
-    "trials": 5,
-    "attempts": 3,
-    "placements": ["neat"],
 }
 
 
@@ -31,7 +23,7 @@ def a_result(e_t_percent, tau_s=None, pressure_psi=3.9):
         pressure_psi, 3.9, 3.89, 3.91, 960, (6.5,), (0.1,), (960,), 1, (e_t_percent,), e_t_percent
     )
     relaxation = None if tau_s is None else RelaxationResult((), (), tau_s, 0.1, 3.0, 0.2, 0.05)
-    return to_json(TrialResult(None, 0.2, (level,), relaxation, ()))
+    return TrialResult(None, 0.2, (level,), relaxation, ())
 
 
 def good(run, number, e_t_percent, **changes):
@@ -47,7 +39,7 @@ def folder(tmp_path, monkeypatch):
     folder = tmp_path / "ledger"
     monkeypatch.setenv("LABCTL_LEDGER", str(folder))
     with LedgerWriter.open(folder, not_a_word) as ledger:
-        first = ledger.begin_run(a_run(rig=RIG, request=REQUEST, simulated_heights=())).number
+        first = ledger.begin_run(a_run(rig=RIG, simulated_heights=())).number
         ledger.add_event(EventRecord(first, "trial-begun", ENDED, {"number": 1, "attempt": 1}))
         ledger.add_trial(good(first, 1, 17.0))
         ledger.add_trial(
@@ -58,10 +50,10 @@ def folder(tmp_path, monkeypatch):
         for number, e_t_percent in enumerate((18.0, 17.5, 16.5, 17.0), start=2):
             ledger.add_trial(good(first, number, e_t_percent, attempt=2, tau_s=1.5))
         ledger.add_event(an_event(first, "finished", summary={"groups": []}))
-        ledger.begin_run(a_run(rig=RIG, request=REQUEST | {"patterns": ["cylinder"]}, simulated_heights=()))
-        third = ledger.begin_run(
-            a_run(rig=RIG, request=REQUEST, simulated=False, protocol="relaxation", simulated_heights=())
+        ledger.begin_run(
+            a_run(rig=RIG, request=replace(REQUEST, patterns=("cylinder",)), simulated_heights=())
         )
+        third = ledger.begin_run(a_run(rig=RIG, simulated=False, protocol="relaxation", simulated_heights=()))
         ledger.add_event(an_event(third.number, "failed", reason="trial 1 was not good in 3 attempts"))
     return folder
 
@@ -126,7 +118,7 @@ def test_show_tells_how_a_run_was_made_and_what_came_of_it(folder, capsys):
     assert "run 1: five-trial, finished" in out
     assert "by Ada" in out
     assert "asked for  patterns sphere; pressures_psi 3.9; trials 5; attempts 3; placements neat" in out
-    assert "regulator  PCD, serial number not told, firmware not told" in out
+    assert "regulator  PCD, serial number not reported, firmware not reported" in out
     assert "none: it ran outside of a checkout" in out
     assert "trial 2, attempt 1, failed: 7 of 16 points seen" in out
     lines = [line.split() for line in out.splitlines()]
@@ -194,7 +186,7 @@ def test_an_empty_ledger(tmp_path, capsys):
 
 def test_a_note_does_not_steer_the_terminal(tmp_path, capsys):
     with LedgerWriter.open(tmp_path, not_a_word) as ledger:
-        ledger.begin_run(a_run(rig=RIG, request=REQUEST, simulated_heights=(), note="two\nlines \x1b[2J\r ü"))
+        ledger.begin_run(a_run(rig=RIG, simulated_heights=(), note="two\nlines \x1b[2J\r ü"))
 
     assert labctl(["show", "1", "--ledger", str(tmp_path)]) == 0
     told = capsys.readouterr().out

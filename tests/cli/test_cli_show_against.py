@@ -7,7 +7,6 @@ from made_ledger import a_run, a_trial, not_a_word
 
 from labctl.cli.main import run as labctl
 from labctl.ledger.writer import LedgerWriter
-from labctl.measurement.codec import to_json
 from labctl.measurement.result import LevelResult, TrialResult
 
 PLACES_MM = ((35.0, 35.0), (70.0, 70.0), (105.0, 35.0), (70.0, 105.0))
@@ -27,7 +26,7 @@ def good(run, number, e_t_percent, **changes):
     level = LevelResult(
         3.9, 3.9, 3.89, 3.91, 960, (4.0, 8.0, 2.0, 1.0), (0.1,) * 4, (960,) * 4, 4, errors, e_t_percent
     )
-    result = to_json(TrialResult(None, 0.2, (level,), None, ()))
+    result = TrialResult(None, 0.2, (level,), None, ())
     return a_trial(run, number, result=result, pressures_psi=(3.9,), windows=(), **changes)
 
 

@@ -8,10 +8,11 @@ from made_recording import SHEET_MM, THEN, made_trial, recorded, run_of
 
 from labctl.cli.main import run as labctl
 from labctl.config.load import design_text, load_design
-from labctl.ledger.records import EventRecord
+from labctl.ledger.records import EventRecord, SimulatedHeights
 from labctl.ledger.writer import LedgerWriter
+from labctl.plain_json import to_json
 from labctl.simulation.patterns import simulate_pattern
-from labctl.statistics.summary import summarise, summary_to_json
+from labctl.statistics.summary import summarise
 
 FRAMES = "raw/0001-five-trial/trial-02-1.frames.parquet"
 
@@ -22,19 +23,17 @@ def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("ledger")
     design = load_design("known")
     simulated = simulate_pattern(design, "sphere", design.sheet.strain_at(3.9))
-    heights_mm = simulated.points_mm(SHEET_MM)[:, 2].tolist()
-    levels = ({"pattern": "sphere", "pressure_psi": 3.9, "heights_mm": heights_mm},)
+    heights_mm = tuple(simulated.points_mm(SHEET_MM)[:, 2].tolist())
+    levels = (SimulatedHeights("sphere", 3.9, heights_mm),)
     record = run_of(made_trial(), design_text=design_text("known"), simulated_heights=levels)
     with LedgerWriter.open(folder, print) as writer:
         run = writer.begin_run(record)
         for number in (1, 2):
             writer.add_trial(recorded(made_trial(number), writer, run, number, 1))
-        summary = summary_to_json(summarise(run, writer.trials(run.number)))
+        summary = to_json(summarise(run, writer.trials(run.number)))
         writer.add_event(EventRecord(run.number, "finished", THEN, {"summary": summary}))
-        moved = [height + 0.01 for height in heights_mm]
-        writer.begin_run(
-            record.__class__(**{**vars(record), "simulated_heights": ({**levels[0], "heights_mm": moved},)})
-        )
+        moved = SimulatedHeights("sphere", 3.9, tuple(height + 0.01 for height in heights_mm))
+        writer.begin_run(replace(record, simulated_heights=(moved,)))
     return folder
 
 
@@ -75,10 +74,10 @@ def test_numbers_that_do_not_come_out_again_are_named_with_what_made_them(ledger
         record = run_of(made_trial(), versions={"labctl": "0.0.9", "numpy": "2.0.0"}, simulated_heights=())
         run = writer.begin_run(record)
         trial = recorded(made_trial(), writer, run, 1, 1)
-        writer.add_trial(replace(trial, result={**trial.result, "frame_residual_mm": 0.5}))
+        writer.add_trial(replace(trial, result=replace(trial.result, frame_residual_mm=0.5)))
     assert labctl(["verify", "last", "--ledger", str(ledger)]) == 1
     lines = capsys.readouterr().out.splitlines()
-    residual_mm = trial.result["frame_residual_mm"]
+    residual_mm = trial.result.frame_residual_mm
     assert lines[3] == (
         f"    frame_residual_mm: stored 0.5, recomputed {residual_mm!r} ({residual_mm - 0.5:+.3g})"
     )

@@ -5,14 +5,13 @@ import pytest
 from labctl.errors import LabError
 from labctl.export.motion import motion_of
 from labctl.instruments.readings import MarkerFrames, PressureSamples
-from labctl.measurement.codec import basis_of
 from labctl.measurement.recording import lay_out
 from labctl.measurement.windows import Window
 
 
 def recording_of(run, frames=None, pressures=None, **gaps):
     frames = made.frames(run, **gaps) if frames is None else frames
-    return lay_out(frames, made.pressures() if pressures is None else pressures, basis_of(run, "sphere"))
+    return lay_out(frames, made.pressures() if pressures is None else pressures, run.basis("sphere"))
 
 
 def test_frames_that_never_came_leave_gaps_and_shift_nothing():

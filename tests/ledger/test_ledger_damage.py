@@ -226,10 +226,10 @@ def test_another_version_is_refused(kept, kind):
 
 
 def test_a_journal_of_another_version_is_refused(kept):
-    from labctl.ledger.store.rows import journal_line
+    from labctl.ledger.store.rows import format_line
 
     with changed_bytes(kept.journal) as data:
-        data[: data.index(b"\n") + 1] = journal_line('"journal":"labctl ledger","version":7}')
+        data[: data.index(b"\n") + 1] = format_line('"journal":"labctl ledger","version":7}')
 
     with pytest.raises(BadInput, match="written by version 7"):
         LedgerWriter.open(kept.folder, not_a_word)

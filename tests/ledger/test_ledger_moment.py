@@ -6,8 +6,7 @@ from made_ledger import Told, a_run, a_trial, not_a_word
 
 from labctl.ledger import moment
 from labctl.ledger.ledger import Ledger
-from labctl.ledger.moment import now, seconds_between, set_back_s
-from labctl.ledger.records import Moment
+from labctl.ledger.moment import Moment, now, seconds_between, set_back_s
 from labctl.ledger.writer import LedgerWriter
 
 NOON = Moment("2026-03-01T12:00:00.000000+01:00", 500.0, "boot-a")

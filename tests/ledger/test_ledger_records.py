@@ -1,16 +1,23 @@
 import json
 import sqlite3
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
-from made_ledger import ENDED, a_run, a_trial, an_event, not_a_word
+from made_ledger import ENDED, a_result, a_run, a_trial, an_event, not_a_word
 
+from labctl.config.rig import MarkerPoint
 from labctl.errors import BadInput, LabError
+from labctl.instruments.readings import Identity
 from labctl.ledger.ledger import Ledger
-from labctl.ledger.records import EventRecord
-from labctl.ledger.store.record_text import event_of, run_of, text_of, trial_of
+from labctl.ledger.records import EventRecord, SafeReadBack, SimulatedHeights
+from labctl.ledger.store.record_text import format_record, parse_event, parse_run, parse_trial
+from labctl.ledger.store.rows import parse_body, parse_line, row_of
 from labctl.ledger.writer import LedgerWriter
+from labctl.measurement.windows import Window
+
+STORED = Path(__file__).parent / "stored_rows.jsonl"
 
 
 def test_what_was_written_comes_back_to_the_last_bit(tmp_path):
@@ -33,7 +40,7 @@ def test_what_was_written_comes_back_to_the_last_bit(tmp_path):
         (back, _) = ledger.trials(1)
     assert isinstance(back.pressures_psi, tuple)
     assert isinstance(back.windows, tuple)
-    assert str(back.result["levels"][0]["heights_mm"][2]) == "-0.0"
+    assert str(back.levels[0].heights_mm[2]) == "-0.0"
 
 
 def test_a_run_is_named_by_its_number_or_as_the_last(tmp_path):
@@ -67,7 +74,7 @@ def test_events_are_of_a_run_or_of_the_ledger_itself(tmp_path):
 @pytest.mark.parametrize(
     ("value", "named"),
     [
-        (float("nan"), r"TrialRecord.result.e_t\[1\] is nan"),
+        (float("nan"), r"EventRecord.detail.e_t\[1\] is nan"),
         (float("-inf"), "is -inf"),
         ({3.9: 1}, "the key 3.9"),
         (np.int64(3), "of type int64"),
@@ -79,11 +86,57 @@ def test_what_json_does_not_hold_exactly_is_refused_and_named(tmp_path, value, n
         run = ledger.begin_run(a_run())
 
         with pytest.raises(LabError, match=named):
-            ledger.add_trial(a_trial(run.number, result={"e_t": [1.0, value]}))
+            ledger.add_event(an_event(run.number, e_t=[1.0, value]))
+
+        assert ledger.events(run.number) == ()
+        ledger.add_event(an_event(run.number, e_t=[1.0, np.float64(2.5)]))
+        assert ledger.events(run.number)[0].detail == {"e_t": [1.0, 2.5]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"e_t_percent": float("nan")}, r"TrialRecord.result.levels\[0\].e_t_percent is nan"),
+        ({"frames": np.int64(960)}, r"TrialRecord.result.levels\[0\].frames is of type int64"),
+        ({"frames": 960.0}, r"TrialRecord.result.levels\[0\].frames is 960.0, and not a whole number"),
+        ({"seen": (960, None)}, r"TrialRecord.result.levels\[0\].seen\[1\] is None"),
+    ],
+)
+def test_a_record_that_could_not_be_read_back_is_not_committed(tmp_path, changes, named):
+    """One such row would make every run of the ledger unreadable."""
+    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+        run = ledger.begin_run(a_run())
+
+        with pytest.raises(LabError, match=named):
+            ledger.add_trial(a_trial(run.number, result=a_result(**changes)))
 
         assert ledger.trials(run.number) == ()
-        ledger.add_trial(a_trial(run.number, result={"e_t": [1.0, np.float64(2.5)]}))
-        assert ledger.trials(run.number)[0].result == {"e_t": [1.0, 2.5]}
+
+
+def test_records_are_written_as_they_always_were():
+    """Byte for byte, checksums and all: ledgers of other versions are read, and theirs read ours."""
+    lines = STORED.read_bytes().splitlines()
+    parsers = {"run": parse_run, "trial": parse_trial, "event": parse_event}
+    for line in lines:
+        row = parse_body(parse_line(line))
+        record = parsers[row.kind](row.text)
+        assert row_of(row.seq, row.at, record).line() == line + b"\n"
+    assert len(lines) == 4
+
+
+def test_what_is_stored_is_read_into_types():
+    run, trial, _, _ = (parse_body(parse_line(line)).text for line in STORED.read_bytes().splitlines())
+
+    run, trial = parse_run(run), parse_trial(trial)
+
+    assert run.request.pressures_psi == (2.6, 3.9)
+    assert run.identities["regulator"] == Identity("PCD-15PSIG-D", "123456", None, "serial", ("µ",))
+    assert run.simulated_heights[0] == SimulatedHeights("sphere", 3.9, (6.5, 0.1 + 0.2, -0.0))
+    assert run.points == (MarkerPoint(4, 17.5, 1 / 3),)
+    assert trial.windows[0] == Window("baseline", 1 / 3, 5e-324)
+    assert trial.levels[0].heights_mm == (1.7976931348623157e308, None, -0.0)
+    assert trial.relaxation.time_s == (0.125, 0.375)
+    assert trial.safe == SafeReadBack(safe=False, words="NOT SAFE: 0.4 psi")
 
 
 def test_an_attempt_is_recorded_once_and_for_a_run_that_is_there(tmp_path):
@@ -162,10 +215,10 @@ def test_a_person_with_sqlite_sees_columns(kept):
 
 
 @pytest.mark.parametrize(
-    ("read", "record"), [(run_of, a_run()), (trial_of, a_trial(1)), (event_of, an_event(1))]
+    ("read", "record"), [(parse_run, a_run()), (parse_trial, a_trial(1)), (parse_event, an_event(1))]
 )
 def test_a_record_of_another_version_is_named_as_such(read, record):
-    plain = json.loads(text_of(record))
+    plain = json.loads(format_record(record))
     for fields in ({**plain, "new_field": 1}, {}):
         with pytest.raises(LabError, match="the version that wrote it"):
             read(json.dumps(fields))

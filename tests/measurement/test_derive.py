@@ -5,10 +5,10 @@ import made_recording as made
 import numpy as np
 import pytest
 
-from labctl.measurement.codec import to_json
 from labctl.measurement.derive import derive
 from labctl.measurement.windows import Window
 from labctl.mocap.transfer import transfer_error
+from labctl.plain_json import to_json
 
 
 def test_the_heights_of_a_level_are_above_the_uninflated_sheet(trial):

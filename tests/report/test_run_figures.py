@@ -35,7 +35,7 @@ def five():
 
 
 def test_the_sheet_has_its_fibers_and_points_where_they_are():
-    figure = face_figure(load_design("known"), "cylinder", "top", made.rig()["markers"]["points"])
+    figure = face_figure(load_design("known"), "cylinder", "top", made.POINTS)
     (axes,) = figure.axes
     lines = {tuple(line.get_xydata().ravel().tolist()): line for line in axes.lines}
 
@@ -75,7 +75,7 @@ def test_without_a_simulation_the_points_are_in_the_order_of_their_measured_heig
     assert (np.diff(np.array(group.heights_mean_mm)[point_order(group)]) >= 0).all()
     assert np.isnan(signed_difference_percent(group)).all()
     # It can be drawn all the same.
-    figure = heights_figure(group, run.rig["markers"]["points"], [group.heights_mean_mm])
+    figure = heights_figure(group, run.points, [group.heights_mean_mm])
     assert legend(figure) == ["measured"]
 
 
@@ -91,13 +91,13 @@ def test_the_map_shows_what_e_t_is_made_of(five):
     axes = difference_figure(group, view.points, 140.0).axes[0]
     assert axes.get_legend().get_texts()[0].get_text() == "not compared"
     drawn = {tuple(line.get_xydata()[0].tolist()) for line in axes.lines}
-    assert {(point["x_mm"], point["y_mm"]) for point in view.points} <= drawn
+    assert {(point.x_mm, point.y_mm) for point in view.points} <= drawn
 
 
 def test_seventy_two_markers_have_room(five):
     run = made.run(points=made.grid_points(72))
     (group,) = view_of(run, [made.trial(run)]).summary.groups
-    figure = heights_figure(group, run.rig["markers"]["points"], [group.heights_mean_mm])
+    figure = heights_figure(group, run.points, [group.heights_mean_mm])
     figure.draw_without_rendering()
     boxes = [label.get_window_extent() for label in figure.axes[0].get_xticklabels()]
 
@@ -146,7 +146,7 @@ def test_pressures_show_band_windows_and_how_well_the_level_was_held(five):
     spans = sorted(patch.get_x() for patch in whole.patches if patch is not band)
     first_s = five.attempts[0].pressures.time_s[0]
     assert [x + first_s for x in spans] == pytest.approx(
-        [window.start_s for window in five.attempts[0].windows]
+        [window.start_s for window in five.attempts[0].record.windows]
     )
     (trace,) = near.lines
     assert np.abs(trace.get_ydata()).max() < 0.1

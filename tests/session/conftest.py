@@ -7,6 +7,7 @@ from virtual_rig import VirtualRig
 
 from labctl.doubles.markers import DEFAULT_POINTS
 from labctl.doubles.sheet import Relaxation
+from labctl.ledger.records import SimulatedHeights
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session.engine import Listener, conduct
@@ -24,8 +25,8 @@ still_over = "1 s"
 
 
 def simulated_bowl(pattern, pressure_psi):
-    rise_mm = [float(np.hypot(point.x_mm - 70, point.y_mm - 70)) for point in DEFAULT_POINTS]
-    return {"pattern": pattern, "pressure_psi": pressure_psi, "heights_mm": rise_mm}
+    rise_mm = tuple(float(np.hypot(point.x_mm - 70, point.y_mm - 70)) for point in DEFAULT_POINTS)
+    return SimulatedHeights(pattern, pressure_psi, rise_mm)
 
 
 class Laboratory:

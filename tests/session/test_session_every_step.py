@@ -80,7 +80,7 @@ def test_an_exception_ends_in_safe_and_in_a_failed_trial(laboratory, index, afte
 
     lab.assert_safe()
     assert outcomes(lab) == (["failed"], ["trial-begun", "failed"])
-    assert all(record.safe["safe"] for record in lab.told)
+    assert all(record.safe.safe for record in lab.told)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])

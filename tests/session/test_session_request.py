@@ -1,5 +1,6 @@
 """From what was asked for to a plan; every mistake is refused before anything moves."""
 
+import json
 from dataclasses import replace
 
 import pytest
@@ -8,8 +9,9 @@ from labctl.config.load import load_design, rig_from_text
 from labctl.doubles.rig_file import rig_toml
 from labctl.doubles.settings import DoublesSettings
 from labctl.errors import BadInput, LabError
+from labctl.ledger.records import RunRequest
+from labctl.plain_json import from_json, to_json
 from labctl.session.catalogue import find_protocol, protocol_names
-from labctl.session.contract import RunRequest
 from labctl.session.dry_run import group_repeated
 from labctl.session.request import RunOptions, complete, plan
 
@@ -100,7 +102,7 @@ def test_a_request_comes_back_from_json_and_makes_the_same_plan():
     protocol = find_protocol("pressure-sweep")
     request = complete(protocol, RunOptions(("sphere",)), DESIGN)
 
-    again = RunRequest.from_json(request.to_json())
+    again = from_json(RunRequest, json.loads(json.dumps(to_json(request))))
 
     assert again == request
     assert group_repeated(plan(protocol, again, DESIGN, rig()))[0].numbers == (1, 5, 9, 13, 17)

@@ -46,7 +46,7 @@ def test_a_trial_that_nobody_vents_does_not_count_and_the_rig_is_vented_at_once(
     (record,) = found
     assert record.outcome == "failed"
     assert record.reason == "the teardown left the rig energised: put vent_and_unjam into it"
-    assert record.safe["safe"] is True
+    assert record.safe.safe is True
     assert kinds(lab) == ["trial-begun", "failed"]
 
 
@@ -75,7 +75,7 @@ def test_a_stop_during_the_teardown_is_no_good_trial(laboratory):
 
     (record,) = lab.told
     assert record.outcome == "aborted"
-    assert record.safe["safe"] is True
+    assert record.safe.safe is True
 
 
 def test_a_planned_pressure_that_was_never_captured_is_no_good_trial(laboratory):

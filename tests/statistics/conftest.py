@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from labctl.ledger.records import Moment, RunRecord, TrialRecord
-from labctl.measurement.codec import to_json
+from labctl.ledger.moment import Moment
+from labctl.ledger.records import RunRecord, RunRequest, SafeReadBack, SimulatedHeights, TrialRecord
 from labctl.measurement.result import LevelResult, RelaxationResult, TrialResult
 
 THEN = Moment("2026-11-20T14:00:00+00:00", 100.0, "boot-1")
@@ -24,15 +24,15 @@ def run_record(number=7, points=PLACES_MM, simulated=((3.9, (4.0, 8.0, 2.0, 1.0)
         "measurement": {"min_points": 3, "min_share": 0.5},
     }
     heights = tuple(
-        {"pattern": "sphere", "pressure_psi": pressure_psi, "heights_mm": list(heights_mm)}
-        for pressure_psi, heights_mm in simulated
+        SimulatedHeights("sphere", pressure_psi, heights_mm) for pressure_psi, heights_mm in simulated
     )
-    empty = {name: {} for name in ("request", "identities", "versions")}
+    empty = {name: {} for name in ("identities", "versions")}
     texts = dict.fromkeys(("design_name", "design_source", "design_text", "rig_name", "operator", "note"), "")
     return RunRecord(
         number=number,
         protocol="five-trial",
         begun=THEN,
+        request=RunRequest("five-trial", (), (), 5, 1, (), None),
         rig=rig,
         planned_trials=5,
         simulated=True,
@@ -77,8 +77,8 @@ def trial_record(number, *levels, tau_s=None, **changes):
         reason="",
         windows=(),
         raw={},
-        result=to_json(TrialResult(None, 0.1, levels, relaxation, ())),
-        safe={"safe": True, "words": "SAFE"},
+        result=TrialResult(None, 0.1, levels, relaxation, ()),
+        safe=SafeReadBack(safe=True, words="SAFE"),
     )
     return replace(record, **changes)
 

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
+from labctl.plain_json import to_json
 from labctl.statistics.intervals import bootstrap_mean
-from labctl.statistics.summary import summarise, summary_to_json
+from labctl.statistics.summary import summarise
 
 
 def test_e_t_of_five_trials_by_hand(run, make_level, make_trial):
@@ -123,7 +124,7 @@ def test_nothing_good_is_no_group(run, make_level, make_trial):
 def test_a_summary_is_the_same_again_and_plain_json(run, make_level, make_trial):
     trials = [make_trial(i, make_level(10.0 + i**2 / 3), tau_s=1.5) for i in (1, 2, 3, 4, 5)]
     summary = summarise(run, trials)
-    plain = summary_to_json(summary)
+    plain = to_json(summary)
     assert json.loads(json.dumps(plain, allow_nan=False)) == plain
     assert plain["groups"][0]["e_t_mean_percent"] == summary.groups[0].e_t_mean_percent
     # The order in which attempts were committed is none of the summary's.

@@ -7,8 +7,8 @@ from made_recording import THEN, derived, made_trial, recorded, run_of
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.records import EventRecord
 from labctl.ledger.writer import LedgerWriter
-from labctl.measurement.codec import to_json
-from labctl.statistics.summary import summarise, summary_to_json
+from labctl.plain_json import to_json
+from labctl.statistics.summary import summarise
 from labctl.verification.differences import Difference, differences
 from labctl.verification.verify_run import verify_run, verify_trial
 
@@ -23,7 +23,7 @@ def finished(tmp_path_factory):
             [(1, 1, "good"), (2, 1, "failed"), (2, 2, "good")], start=1
         ):
             writer.add_trial(recorded(made_trial(seed), writer, run, number, attempt, outcome=outcome))
-        summary = summary_to_json(summarise(run, writer.trials(run.number)))
+        summary = to_json(summarise(run, writer.trials(run.number)))
         writer.add_event(EventRecord(run.number, "finished", THEN, {"summary": summary}))
     return folder
 
@@ -91,20 +91,19 @@ def one_trial(kept):
 
 def test_a_number_that_is_not_in_the_recording_is_named(one_trial):
     folder, run, trial = one_trial
-    level = dict(trial.result["levels"][0])
-    was = level["e_t_percent"]
-    level["e_t_percent"] = was * (1 + 2**-52)
-    changed = replace(trial, result={**trial.result, "levels": [level]})
+    was = trial.levels[0].e_t_percent
+    level = replace(trial.levels[0], e_t_percent=was * (1 + 2**-52))
+    changed = replace(trial, result=replace(trial.result, levels=(level,)))
     found = verify_trial(folder, run, changed)
     assert not found.agrees
-    assert found.differences == (Difference("levels[0].e_t_percent", level["e_t_percent"], was),)
-    assert f"stored {level['e_t_percent']!r}, recomputed {was!r} (-" in found.differences[0].describe()
+    assert found.differences == (Difference("levels[0].e_t_percent", level.e_t_percent, was),)
+    assert f"stored {level.e_t_percent!r}, recomputed {was!r} (-" in found.differences[0].describe()
 
 
 def test_windows_that_were_changed_change_the_numbers(one_trial):
     folder, run, trial = one_trial
-    windows = [dict(window) for window in trial.windows]
-    windows[1]["end_s"] -= 0.1
+    windows = list(trial.windows)
+    windows[1] = replace(windows[1], end_s=windows[1].end_s - 0.1)
     found = verify_trial(folder, run, replace(trial, windows=tuple(windows)))
     assert "levels[0].frames" in {difference.where for difference in found.differences}
 
@@ -127,7 +126,7 @@ def test_a_trial_with_problems_cannot_be_good(one_trial, trial):
     # Judged by a stricter run, the same recording has too few markers.
     strict = replace(run, rig={**run.rig, "measurement": {"min_points": 17, "min_share": 0.5}})
     result = derived(trial, strict)
-    found = verify_trial(folder, strict, replace(record, result=to_json(result)))
+    found = verify_trial(folder, strict, replace(record, result=result))
     assert found.differences == ()
     assert found.problems[0].startswith("recorded as good, although: 3.9 psi: 16 of 16 markers")
 
@@ -136,7 +135,7 @@ def test_a_summary_that_says_otherwise_is_found(trial, tmp_path):
     with LedgerWriter.open(tmp_path, print) as writer:
         run = writer.begin_run(run_of(trial))
         writer.add_trial(recorded(trial, writer, run, 1, 1))
-        summary = summary_to_json(summarise(run, writer.trials(run.number)))
+        summary = to_json(summarise(run, writer.trials(run.number)))
         summary["groups"][0]["e_t_mean_percent"] = 1.0
         writer.add_event(EventRecord(run.number, "finished", THEN, {"summary": summary}))
     found = verified(tmp_path)

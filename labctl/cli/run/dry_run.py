@@ -69,7 +69,7 @@ def _for_machines(
 ) -> dict[str, Any]:
     return {
         "simulated": config.simulated,
-        "request": prepared.request.to_json(),
+        "request": prepared.request,
         "lasts_s": lasts_s,
         "trials": [
             {

@@ -6,7 +6,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from labctl.cli.interrupts import stop_on_signals
-from labctl.cli.ledgers import tell
+from labctl.cli.ledgers import print_note
 from labctl.cli.outcome import Outcome
 from labctl.cli.output import ProgressLine
 from labctl.cli.rigs import chosen_rig, reporting, rig_to_be
@@ -14,7 +14,7 @@ from labctl.cli.run.options import SessionOptions
 from labctl.cli.run.text import RunReporter, default_operator, tell_result
 from labctl.errors import BadInput
 from labctl.ledger.ledger import Ledger
-from labctl.ledger.records import Json, RunRecord
+from labctl.ledger.records import RunRecord, SimulatedHeights
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session import preparation
@@ -35,7 +35,7 @@ def begin(prepared: PreparedRun, design_name: str, how: SessionOptions) -> None:
 
 def go_on(name: str, how: SessionOptions) -> None:
     """The run of this name, at its next trial."""
-    with Ledger.open(how.ledger_folder, tell) as read:
+    with Ledger.open(how.ledger_folder, print_note) as read:
         run = preparation.prepare_again(read, name).run
     if run is not None and not run.simulated and how.rig_path is None:
         raise BadInput(f"run {run.number} was measured on a real rig: name it with --rig")
@@ -90,7 +90,7 @@ def _register(
     writer: LedgerWriter,
     rig: Rig,
     planned: int,
-    heights: tuple[Json, ...],
+    heights: tuple[SimulatedHeights, ...],
     line: ProgressLine,
 ) -> RunRecord:
     """The run in the ledger: a new one, or that it goes on."""

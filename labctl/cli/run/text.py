@@ -91,11 +91,7 @@ def describe_trial(record: "TrialRecord", planned: int) -> str:
     head = f"trial {record.number} of {planned}: {record.placement} {record.pattern} at {pressures} psi"
     if record.outcome != "good" or record.result is None:
         return f"{head}, attempt {record.attempt}: {record.outcome.upper()}: {record.reason}"
-    errors = [
-        f"{level['e_t_percent']:.1f} %"
-        for level in record.result["levels"]
-        if level["e_t_percent"] is not None
-    ]
+    errors = [f"{level.e_t_percent:.1f} %" for level in record.levels if level.e_t_percent is not None]
     return f"{head}: e_t {', '.join(errors) or 'not compared'}"
 
 
@@ -114,8 +110,6 @@ def tell_result(
     as_json: bool,
 ) -> None:
     """The result of a finished run, for a person or a machine."""
-    from labctl.statistics.summary import summary_to_json
-
     if as_json:
         emit_json(
             {
@@ -123,7 +117,7 @@ def tell_result(
                 "run": run.number,
                 "protocol": run.protocol,
                 "trials": [_trial_for_machines(trial) for trial in trials],
-                "summary": summary_to_json(summary),
+                "summary": summary,
                 "safe": safe is not None and safe.safe,
             }
         )
@@ -156,7 +150,6 @@ def tell_summary(summary: "RunSummary") -> None:
 
 
 def _trial_for_machines(trial: "TrialRecord") -> dict[str, Any]:
-    levels = [] if trial.result is None else trial.result["levels"]
     return {
         "number": trial.number,
         "attempt": trial.attempt,
@@ -165,8 +158,8 @@ def _trial_for_machines(trial: "TrialRecord") -> dict[str, Any]:
         "pressures_psi": trial.pressures_psi,
         "outcome": trial.outcome,
         "reason": trial.reason,
-        "e_t_percent": [level["e_t_percent"] for level in levels],
-        "heights_mm": [level["heights_mm"] for level in levels],
+        "e_t_percent": [level.e_t_percent for level in trial.levels],
+        "heights_mm": [level.heights_mm for level in trial.levels],
     }
 
 

@@ -1,4 +1,4 @@
-"""Raw recordings beside the ledger: what the instruments said, in two Parquet files a trial.
+"""Raw recordings beside the ledger: what the instruments answered, in two Parquet files a trial.
 
 A file is written as the samples come, under a name that ends in `.unfinished`, and takes its own name only when it is
 whole and on the disk. So a file with its own name is a whole one, whenever the power went.
@@ -67,7 +67,9 @@ class RawRecorder:
                 self._files[kind] = ParquetWriter(folder / f"{self._stem}.{kind}.parquet", schema)
         except OSError as error:
             self._remove_files()
-            raise RecordingFailed(f"{folder / self._stem}: no recording can begin: {_why(error)}") from error
+            raise RecordingFailed(
+                f"{folder / self._stem}: no recording can begin: {_format_cause(error)}"
+            ) from error
         self._thread = threading.Thread(target=self._write, name=f"recorder of {stem}", daemon=True)
         self._thread.start()
 
@@ -96,7 +98,7 @@ class RawRecorder:
             self._pass_on_pressures()
 
     def fail(self, error: Exception) -> None:
-        """Keep an error, to be told by `finish`; the first counts."""
+        """Keep an error, which `finish` raises; the first counts."""
         self._error = self._error or error
 
     def finish(self) -> Mapping[str, RawFile]:
@@ -117,8 +119,8 @@ class RawRecorder:
         for file in self._files.values():
             file.give_up()
         raise RecordingFailed(
-            f"{self._folder / self._stem}: the recording is not whole: {_why(self._error)}. What was written is in "
-            f"{self._stem}.*{UNFINISHED}"
+            f"{self._folder / self._stem}: the recording is not whole: {_format_cause(self._error)}. What was "
+            f"written is in {self._stem}.*{UNFINISHED}"
         ) from self._error
 
     def _end_thread(self) -> None:
@@ -229,7 +231,7 @@ def _free_stem(folder: Path, stem: str) -> str:
     return name
 
 
-def _why(error: Exception | None) -> str:
+def _format_cause(error: Exception | None) -> str:
     """What went wrong and what to do about it."""
     if not isinstance(error, OSError):
         return str(error) if isinstance(error, LabError) else repr(error)

@@ -17,14 +17,14 @@ _SMALLEST_ROW = 100
 
 
 @dataclass(frozen=True)
-class Stored:
-    """Rows by sequence number; `problem` says what is wrong with the file, None where it is whole."""
+class DatabaseRead:
+    """Rows by sequence number; `problem` is what is wrong with the file, None where it is whole."""
 
     rows: Mapping[int, Row]
     problem: str | None
 
 
-def read_stored(path: Path, *, live: bool, highest_seq: int) -> Stored:
+def read_database(path: Path, *, live: bool, highest_seq: int) -> DatabaseRead:
     """Read a ledger's database. `live`: a writer has it open.
 
     In a damaged file rows are looked for up to `highest_seq`, or the highest that can be seen in it.
@@ -34,23 +34,23 @@ def read_stored(path: Path, *, live: bool, highest_seq: int) -> Stored:
         OSError, sqlite3.Error: it cannot be reached.
     """
     if not path.exists():
-        return Stored({}, "is missing")
+        return DatabaseRead({}, "is missing")
     if path.stat().st_size == 0:
-        return Stored({}, "is empty")
+        return DatabaseRead({}, "is empty")
     with path.open("rb"):
-        # What may not be read is told by the system in plainer words than by SQLite.
+        # The system reports what may not be read more plainly than SQLite.
         pass
     try:
         with _opened(path, live=live) as connection:
             check_ours(connection, path)
             check_whole(connection)
-            return Stored({row.seq: row for row in all_rows(connection)}, None)
+            return DatabaseRead({row.seq: row for row in all_rows(connection)}, None)
     except sqlite3.Error as error:
         if not is_damage(error):
             raise
         problem = f"is damaged ({error})"
     with _copied(path) as copy:
-        return Stored(_salvaged(copy, highest_seq), problem)
+        return DatabaseRead(_salvaged(copy, highest_seq), problem)
 
 
 def wal_of(path: Path) -> Path:
@@ -103,7 +103,7 @@ def _salvaged(copy: Path, highest_seq: int) -> dict[int, Row]:
     # A damaged page may claim any number: no more rows are looked for than the file has room for.
     room = (copy.stat().st_size + (wal_of(copy).stat().st_size if _has_wal(copy) else 0)) // _SMALLEST_ROW
     with suppress(sqlite3.Error), closing(_connect(copy, "mode=rw")) as connection:
-        # With it SQLite reads on in a file that is shorter than its head says (btree.c, lockBtree).
+        # With it SQLite reads on in a file that is shorter than its head has it (btree.c, lockBtree).
         connection.execute("PRAGMA writable_schema = ON")
         for kind in KINDS:
             highest = min(room, max(highest_seq, _highest_seen(connection, f"{kind}s")))

@@ -9,12 +9,12 @@ from pathlib import Path
 
 from labctl.errors import BadInput
 from labctl.ledger.disk import sync_folder
-from labctl.ledger.store.rows import MARK, Row, body_of, journal_line, label, row_of_body
+from labctl.ledger.store.rows import MARK, Row, format_line, label, parse_body, parse_line
 
 JOURNAL = "ledger.journal"
 _VERSION = 1
 _HEAD = f'"journal":"labctl ledger","version":{_VERSION}}}'
-_VERSION_WORDS = re.compile(r'^"journal":"labctl ledger","version":(\d+)\}$')
+_VERSION_HEAD = re.compile(r'^"journal":"labctl ledger","version":(\d+)\}$')
 # What can still be read at the beginning of a damaged line.
 _BROKEN_HEAD = re.compile(
     rb'"seq":(\d+),"kind":"(run|trial|event)","run":(\d+|null),"trial":(\d+|null),"attempt":(\d+|null),'
@@ -27,7 +27,7 @@ class JournalRead:
 
     `rows` are whole, in the file's order. `broken` is what is known of damaged lines: what each sequence number was;
     `unnamed` counts those of which nothing is known. `torn` is what follows the last end of line, from `torn_at` on:
-    an append that was not finished; `torn_named` where `broken` tells of it. `sound` where the file is a head and
+    an append that was not finished; `torn_named` where `broken` names it. `sound` where the file is a head and
     whole lines, whether or not something torn follows.
     """
 
@@ -58,9 +58,9 @@ def read_journal(path: Path) -> JournalRead:
     unnamed = 0
     sound = bool(lines) and _is_head(lines[0], path)
     for line in lines[1:] if sound else lines:
-        body = body_of(line)
-        if body is not None and not _VERSION_WORDS.match(body):
-            rows.append(row_of_body(body))
+        body = parse_line(line)
+        if body is not None and not _VERSION_HEAD.match(body):
+            rows.append(parse_body(body))
             continue
         sound = False
         rows += _rows_inside(line)
@@ -83,7 +83,7 @@ def write_journal(path: Path, rows: Iterable[Row]) -> None:
     """
     unfinished = path.with_name(path.name + ".new")
     with unfinished.open("wb") as file:
-        file.write(journal_line(_HEAD))
+        file.write(format_line(_HEAD))
         file.writelines(row.line() for row in rows)
         file.flush()
         os.fsync(file.fileno())
@@ -138,8 +138,8 @@ class JournalWriter:
 
 
 def _is_head(line: bytes, path: Path) -> bool:
-    body = body_of(line)
-    match = _VERSION_WORDS.match(body) if body is not None else None
+    body = parse_line(line)
+    match = _VERSION_HEAD.match(body) if body is not None else None
     if match and int(match[1]) != _VERSION:
         raise BadInput(
             f"{path}: it was written by version {match[1]} of the ledger, this labctl knows version {_VERSION}; "
@@ -157,9 +157,9 @@ def _rows_inside(line: bytes) -> list[Row]:
             _, end = json.JSONDecoder().raw_decode(text, mark.start())
         except (ValueError, RecursionError):
             continue
-        body = body_of(line[mark.start() : end])
+        body = parse_line(line[mark.start() : end])
         if body is not None:
-            rows.append(row_of_body(body))
+            rows.append(parse_body(body))
     return rows
 
 

@@ -10,13 +10,13 @@ _MOUNTS = Path("/proc/self/mountinfo")
 
 # File systems that other machines write too, or whose server decides what fsync and a lock mean. SQLite's WAL needs
 # memory that all its users share (https://www.sqlite.org/wal.html).
-_NETWORK_WORDS = """
+_NETWORK_TYPES = """
     nfs nfs4 cifs smb2 smb3 smbfs ncpfs afs coda ceph glusterfs lustre beegfs beegfs_nodev gpfs orangefs pvfs2 gfs
     gfs2 ocfs2 9p davfs acfs vboxsf vmhgfs prl_fs fuse.sshfs fuse.glusterfs fuse.ceph fuse.ceph-fuse fuse.s3fs
     fuse.rclone fuse.gcsfuse fuse.goofys fuse.juicefs fuse.davfs2 fuse.smbnetfs fuse.curlftpfs fuse.gvfsd-fuse
     fuse.vmhgfs-fuse fuse.moosefs fuse.mfs fuse.seaweedfs fuse.lizardfs
 """
-NETWORK = frozenset(_NETWORK_WORDS.split())
+NETWORK = frozenset(_NETWORK_TYPES.split())
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def mount_of(folder: Path, mountinfo: str) -> Mount | None:
 
 
 def refuse_network(folder: Path) -> None:
-    """Refuse a folder on a network file system. Where there is no /proc this cannot be told, and nothing is refused.
+    """Refuse a folder on a network file system. Where there is no /proc nothing is known, and nothing is refused.
 
     Raises:
         BadInput: the folder is on one.

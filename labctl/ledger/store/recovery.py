@@ -8,57 +8,61 @@ from pathlib import Path
 from labctl.ledger.disk import sync_file, sync_folder
 from labctl.ledger.moment import Now
 from labctl.ledger.records import EventRecord
-from labctl.ledger.store.agreement import Found, format_rows, look
+from labctl.ledger.store.agreement import LedgerRead, format_lost, format_rows, read_ledger
 from labctl.ledger.store.journal import JOURNAL, JournalWriter, write_journal
 from labctl.ledger.store.rows import Row, row_of
 from labctl.ledger.store.tables import SQLITE, build, connect, insert
 
 
-def recover(folder: Path, now: Now, tell: Callable[[str], None]) -> tuple[Row, ...]:
+def recover(folder: Path, now: Now, report: Callable[[str], None]) -> tuple[Row, ...]:
     """Make both files hold the rows of both; the writer's lock must be held. Returns all rows in order.
 
-    What was done is told, and is an event of the ledger: "restored" or "lost". The journal comes first, so that
+    What was done is reported, and is an event of the ledger: "restored" or "lost". The journal comes first, so that
     a recovery that is cut off is begun again by the next.
 
     Raises:
         LabError: the two files are of different ledgers.
         OSError, sqlite3.Error: the disk refuses; nothing that was there is gone.
     """
-    found = look(folder, live=False)
+    found = read_ledger(folder, live=False)
     stamp = datetime.fromisoformat(now().wall).strftime("%Y%m%d-%H%M%S-%f")
     rows = list(found.rows)
     seq = max([0, *(row.seq for row in rows), *found.lost.rows])
     for event in _events(found, now, stamp):
         seq += 1
         rows.append(row_of(seq, event.at, event))
-    for words in told(found):
-        tell(f"ledger {folder}: {words}")
-    _bring_journal(folder / JOURNAL, found, rows, stamp)
-    _bring_sqlite(folder / SQLITE, found, rows, stamp)
+    for problem in format_problems(found):
+        report(f"ledger {folder}: {problem}")
+    _repair_journal(folder / JOURNAL, found, rows, stamp)
+    _repair_database(folder / SQLITE, found, rows, stamp)
     return tuple(rows)
 
 
-def told(found: Found, *, later: bool = False) -> list[str]:
+def format_problems(found: LedgerRead, *, later: bool = False) -> list[str]:
     """What is wrong with a ledger and what is done about it, a sentence each; `later`: when it is next written to."""
     if found.empty:
         return []
     when = ", when it is next written to" if later else ""
-    words = [each + when for each in (_told_of_sqlite(found), _told_of_journal(found)) if each]
+    problems = [
+        each + when for each in (_format_database_problem(found), _format_journal_problem(found)) if each
+    ]
     if found.lost:
-        words.append(f"gone from both files: {found.lost.words()}; everything else is there")
-    return words
+        problems.append(f"gone from both files: {format_lost(found.lost)}; everything else is there")
+    return problems
 
 
-def _told_of_sqlite(found: Found) -> str:
-    if found.stored.problem is not None:
-        return f"{SQLITE} {found.stored.problem}: built again from {JOURNAL} and what can still be read of it"
+def _format_database_problem(found: LedgerRead) -> str:
+    if found.database.problem is not None:
+        return (
+            f"{SQLITE} {found.database.problem}: built again from {JOURNAL} and what can still be read of it"
+        )
     if found.not_stored:
         named = format_rows({row.seq: row.label() for row in found.not_stored})
         return f"{SQLITE} lacks what {JOURNAL} has: {named}; put in"
     return ""
 
 
-def _told_of_journal(found: Found) -> str:
+def _format_journal_problem(found: LedgerRead) -> str:
     have = found.journal
     if not have.there:
         return f"{JOURNAL} is missing: written again from {SQLITE}"
@@ -71,11 +75,11 @@ def _told_of_journal(found: Found) -> str:
     return ""
 
 
-def _events(found: Found, now: Now, stamp: str) -> list[EventRecord]:
+def _events(found: LedgerRead, now: Now, stamp: str) -> list[EventRecord]:
     events = []
     if found.not_stored and not found.empty:
         seqs = [row.seq for row in found.not_stored]
-        restored = {"rows": len(seqs), "first": seqs[0], "last": seqs[-1], "sqlite": found.stored.problem}
+        restored = {"rows": len(seqs), "first": seqs[0], "last": seqs[-1], "sqlite": found.database.problem}
         events.append(EventRecord(None, "restored", now(), restored))
     if found.lost:
         gone = {str(seq): what for seq, what in sorted(found.lost.rows.items())}
@@ -85,7 +89,7 @@ def _events(found: Found, now: Now, stamp: str) -> list[EventRecord]:
     return events
 
 
-def _bring_journal(path: Path, found: Found, rows: list[Row], stamp: str) -> None:
+def _repair_journal(path: Path, found: LedgerRead, rows: list[Row], stamp: str) -> None:
     have = found.journal
     if not have.sound or list(have.rows) != rows[: len(have.rows)]:
         if have.there:
@@ -110,8 +114,8 @@ def _bring_journal(path: Path, found: Found, rows: list[Row], stamp: str) -> Non
         writer.close()
 
 
-def _bring_sqlite(path: Path, found: Found, rows: list[Row], stamp: str) -> None:
-    if found.stored.problem is not None:
+def _repair_database(path: Path, found: LedgerRead, rows: list[Row], stamp: str) -> None:
+    if found.database.problem is not None:
         for suffix in ("", "-wal", "-shm"):
             part = path.with_name(path.name + suffix)
             if part.exists():
@@ -119,7 +123,7 @@ def _bring_sqlite(path: Path, found: Found, rows: list[Row], stamp: str) -> None
         sync_folder(path.parent)
         build(path, rows)
         return
-    missing = [row for row in rows if row.seq not in found.stored.rows]
+    missing = [row for row in rows if row.seq not in found.database.rows]
     if missing:
         connection = connect(path)
         try:

@@ -2,11 +2,13 @@
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Literal
 
-from labctl.ledger.records import Moment, RunRecord, TrialRecord
-from labctl.ledger.store.record_text import Record, text_of
+from labctl.ledger.moment import Moment
+from labctl.ledger.records import RunRecord, TrialRecord
+from labctl.ledger.store.record_text import Record, format_record
+from labctl.plain_json import from_json, to_json
 
 Kind = Literal["run", "trial", "event"]
 
@@ -35,12 +37,12 @@ class Row:
 
     @property
     def checksum(self) -> str:
-        """The beginning of the SHA-256 of everything that the row says."""
+        """The beginning of the SHA-256 of everything that the row holds."""
         return _checksum(self._body())
 
     def line(self) -> bytes:
         """The row as a line of the journal, with its end."""
-        return journal_line(self._body())
+        return format_line(self._body())
 
     def label(self) -> str:
         """What it is, for a person."""
@@ -53,7 +55,7 @@ class Row:
             "run": self.run,
             "trial": self.trial,
             "attempt": self.attempt,
-            "at": asdict(self.at),
+            "at": to_json(self.at, "at"),
         }
         return json.dumps(head, separators=(",", ":"), allow_nan=False)[1:-1] + _RECORD + self.text + "}"
 
@@ -64,7 +66,7 @@ def row_of(seq: int, at: Moment, record: Record) -> Row:
     Raises:
         LabError: the record holds something that cannot be written exactly.
     """
-    text = text_of(record)
+    text = format_record(record)
     if isinstance(record, RunRecord):
         return Row(seq, "run", record.number, None, None, at, text)
     if isinstance(record, TrialRecord):
@@ -81,12 +83,12 @@ def label(kind: str, run: int | None, trial: int | None, attempt: int | None) ->
     return "an event" if run is None else f"an event of run {run}"
 
 
-def journal_line(body: str) -> bytes:
+def format_line(body: str) -> bytes:
     """A line of JSON with its checksum in front: `body` is the object after its brace."""
     return MARK + f'{_checksum(body)}",{body}\n'.encode("ascii")
 
 
-def body_of(line: bytes) -> str | None:
+def parse_line(line: bytes) -> str | None:
     """The body of a line of the journal without its end; None where it is not what was once written."""
     start = len(MARK) + _DIGITS + len('",')
     if not line.startswith(MARK):
@@ -99,11 +101,11 @@ def body_of(line: bytes) -> str | None:
     return body if text == f'{MARK.decode("ascii")}{_checksum(body)}",{body}' else None
 
 
-def row_of_body(body: str) -> Row:
-    """The row of a body that `body_of` has found whole."""
+def parse_body(body: str) -> Row:
+    """The row of a body that `parse_line` has found whole."""
     head, text = body.split(_RECORD, 1)
     fields = json.loads("{" + head + "}")
-    return Row(**{**fields, "at": Moment(**fields["at"])}, text=text[:-1])
+    return Row(**{**fields, "at": from_json(Moment, fields["at"])}, text=text[:-1])
 
 
 def _checksum(body: str) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from labctl.errors import BadInput, LabError
 from labctl.ledger.disk import sync_file, sync_folder
-from labctl.ledger.records import Moment
+from labctl.ledger.moment import Moment
 from labctl.ledger.store.rows import Kind, Row
 
 SQLITE = "ledger.sqlite"

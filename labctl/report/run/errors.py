@@ -62,9 +62,9 @@ def _draw_trials(axes: Axes, view: RunView, group: Group) -> None:
         axes.axhspan(low, high, color=_MEAN, alpha=0.15, linewidth=0, label="95 % interval of the mean")
     if mean is not None and len(counted) > 1:
         axes.axhline(mean, color=_MEAN, linewidth=2, label="mean")
-    told = [(each.record.number, _e_t(each, group)) for each in counted]
+    places = [(each.record.number, _e_t(each, group)) for each in counted]
     axes.plot(
-        *zip(*told, strict=True), "o", color=MEASURED, markersize=11, label="trial that counts", zorder=4
+        *zip(*places, strict=True), "o", color=MEASURED, markersize=11, label="trial that counts", zorder=4
     )
     failed = sorted({each.record.number for each in view.attempts} - {each.record.number for each in counted})
     if failed:

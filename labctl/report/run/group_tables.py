@@ -15,12 +15,12 @@ from labctl.statistics.group_differences import (
 from labctl.statistics.intervals import Interval
 from labctl.statistics.tables import table_iii
 
-COMPARISON_WORDS = (
+COMPARISON_NOTE = (
     "Differences are the other's e_t less the first one's, in percentage points: above 0, the other is further from "
     "its simulation. Over trials: the difference of the mean e_t with Welch's 95 % t interval, as if of very many "
     "trials of these same sheets. Over points: the mean difference of |r − s|, each measuring point paired with "
     "itself; neighbouring points move together, so that this interval is narrower than it should be, and it does not "
-    "tell trial from trial."
+    "distinguish trial from trial."
 )
 _HEAD = (
     "one",
@@ -65,9 +65,9 @@ def side_by_side_table(views: Sequence[RunView]) -> Table:
             )
             for group in view.summary.groups
         ] or [(*named, NONE, NONE, NONE, "0", NONE, NONE, NONE)]
-    # A column that no run has anything in says nothing.
-    told = [n for n in range(len(head)) if any(row[n] != NONE for row in rows)]
-    return Table(tuple(head[n] for n in told), tuple(tuple(row[n] for n in told) for row in rows))
+    # A column that no run has anything in shows nothing.
+    filled = [n for n in range(len(head)) if any(row[n] != NONE for row in rows)]
+    return Table(tuple(head[n] for n in filled), tuple(tuple(row[n] for n in filled) for row in rows))
 
 
 def comparison_table(views: Sequence[RunView]) -> Table:
@@ -78,9 +78,13 @@ def comparison_table(views: Sequence[RunView]) -> Table:
 
 def format_unmatched(views: Sequence[RunView]) -> str:
     """The groups that were compared with none, having no like; "" where there is none."""
-    told = _compared(views)
-    matched = {name for compared in told for each in compared.groups for name in (each.one, each.other)}
-    alone = dict.fromkeys(name for compared in told for name in compared.unmatched if name not in matched)
+    comparisons = _compared(views)
+    matched = {
+        name for compared in comparisons for each in compared.groups for name in (each.one, each.other)
+    }
+    alone = dict.fromkeys(
+        name for compared in comparisons for name in compared.unmatched if name not in matched
+    )
     return f"Not compared, having no like: {'; '.join(name.describe() for name in alone)}." if alone else ""
 
 

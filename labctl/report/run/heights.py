@@ -1,7 +1,6 @@
 """Measured against simulated heights at the measuring points, with what the trials differ by."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from labctl.config.rig import MarkerPoint
 from labctl.report.run.sheet_faces import MEASURED, draw_disc
 from labctl.statistics.summary import Group
 
@@ -19,7 +19,7 @@ TRIAL = "#56b4e9"
 # Orange and purple, apart for everybody; white where the two are alike.
 _DIFFERENCE_COLOURS = "PuOr_r"
 _LEAST_DIFFERENCE_PERCENT = 1.0
-# A map whose scale ends below this says tenths.
+# A map whose scale ends below this shows tenths.
 _FINE_PERCENT = 3.0
 _HEIGHT_IN = 7.0
 _LEAST_WIDTH_IN, _MOST_WIDTH_IN, _POINT_IN = 8.0, 16.0, 0.22
@@ -28,7 +28,7 @@ _FEW_POINTS = 24
 
 
 def heights_figure(
-    group: Group, points: Sequence[Mapping[str, Any]], trials_mm: Sequence[Sequence[float | None]]
+    group: Group, points: Sequence[MarkerPoint], trials_mm: Sequence[Sequence[float | None]]
 ) -> Figure:
     """Heights of the m points, lowest simulated first; `trials_mm` holds those of each counted trial.
 
@@ -44,7 +44,7 @@ def heights_figure(
     _draw_measured(axes, at, group, order, trials_mm)
     axes.axhline(0, color="#8c8c8c", linewidth=1.0, zorder=1)
     few = len(points) <= _FEW_POINTS
-    axes.set_xticks(at, [str(points[each]["id"]) for each in order])
+    axes.set_xticks(at, [str(points[each].id) for each in order])
     axes.tick_params(axis="x", labelsize=13 if few else 10, rotation=0 if few else 90)
     _grey_unseen(axes, numbers(group.heights_mean_mm)[order])
     axes.set(
@@ -55,7 +55,7 @@ def heights_figure(
     return figure
 
 
-def difference_figure(group: Group, points: Sequence[Mapping[str, Any]], diameter_mm: float) -> Figure:
+def difference_figure(group: Group, points: Sequence[MarkerPoint], diameter_mm: float) -> Figure:
     """Where on the sheet the measured shape differs: normalised measured less simulated mean heights, in percent.
 
     Each side is normalised by its own greatest height over the points that have both, as e_t is.
@@ -157,9 +157,9 @@ def _grey_unseen(axes: Axes, mean_mm: NDArray[np.float64]) -> None:
 
 
 def _draw_difference(
-    axes: Axes, point: Mapping[str, Any], percent: float, mappable: ScalarMappable, size: float, few: bool
+    axes: Axes, point: MarkerPoint, percent: float, mappable: ScalarMappable, size: float, few: bool
 ) -> None:
-    place = (point["x_mm"], point["y_mm"])
+    place = (point.x_mm, point.y_mm)
     if np.isnan(percent):
         axes.plot(*place, "o", markersize=size * 0.8, fillstyle="none", color="#8c8c8c", linestyle="none")
         axes.plot(*place, "x", markersize=size * 0.4, color="#8c8c8c")

@@ -11,7 +11,7 @@ from labctl.errors import BadInput
 from labctl.report.page import Table, filled_in
 from labctl.report.picture_style import picture_style, picture_uri
 from labctl.report.run.group_tables import (
-    COMPARISON_WORDS,
+    COMPARISON_NOTE,
     comparison_table,
     format_unmatched,
     side_by_side_table,
@@ -57,7 +57,7 @@ class _RunShown:
 @dataclass(frozen=True)
 class _SectionShown:
     title: str
-    words: tuple[str, ...]
+    notes: tuple[str, ...]
     figures: list["_FigureShown"]
     tables: tuple[tuple[str, Table], ...]
     folded: tuple[tuple[str, Table], ...]
@@ -98,7 +98,7 @@ def run_page(views: Sequence[RunView]) -> str:
             runs=[_shown(view) for view in views],
             side_by_side=side_by_side_table(views),
             comparisons=comparison_table(views),
-            comparison_words=COMPARISON_WORDS,
+            comparison_note=COMPARISON_NOTE,
             unmatched=format_unmatched(views),
         )
 
@@ -140,7 +140,7 @@ def _section(section: Section) -> _SectionShown:
     # A page of paper holds so much; what is longer may break.
     whole = len(figures) <= _FIGURES_A_PAGE and not section.tables
     return _SectionShown(
-        section.title, section.words, figures, section.tables, section.folded, section.caption, whole
+        section.title, section.notes, figures, section.tables, section.folded, section.caption, whole
     )
 
 

@@ -18,7 +18,7 @@ ROWS_A_FIGURE = 6
 _WIDTH_IN, _ROW_IN = 15.0, 2.3
 _TRACE, _SETPOINT, _BAND = "#0072b2", "#1d2329", "#e69f00"
 _WINDOW_COLOURS = {"baseline": "#8c8c8c", "level": "#009e73", "relaxing": "#cc79a7"}
-_WINDOW_WORDS = {"baseline": "baseline window", "level": "measuring window", "relaxing": "relaxation window"}
+_WINDOW_NAMES = {"baseline": "baseline window", "level": "measuring window", "relaxing": "relaxation window"}
 _FAILED = "#b34e00"
 # Of what came before a level's window, so much is shown of how it settled.
 _BEFORE_S = 3.0
@@ -44,8 +44,8 @@ def _figure(attempts: Sequence[Attempt], tolerance_psi: float, longest_s: float)
         _draw_whole(whole, attempt, attempt.pressures, tolerance_psi)
         _draw_near(near, attempt, attempt.pressures, tolerance_psi)
         failed = attempt.record.outcome != "good"
-        words = f"trial {attempt.name}" + (f": {attempt.record.outcome}" if failed else "")
-        whole.set_title(words, loc="left", fontsize=15, color=_FAILED if failed else "black")
+        title = f"trial {attempt.name}" + (f": {attempt.record.outcome}" if failed else "")
+        whole.set_title(title, loc="left", fontsize=15, color=_FAILED if failed else "black")
     rows[0, 1].set_title("off the level held", loc="left", fontsize=15)
     rows[-1, 0].set(xlabel="time from the first reading, s", xlim=(0, longest_s))
     rows[-1, 1].set_xlabel("time from the window's start, s")
@@ -57,10 +57,10 @@ def _figure(attempts: Sequence[Attempt], tolerance_psi: float, longest_s: float)
 
 def _draw_whole(axes: Axes, attempt: Attempt, pressures: PressureSamples, tolerance_psi: float) -> None:
     start_s = float(pressures.time_s[0])
-    for window in attempt.windows:
+    for window in attempt.record.windows:
         colour = _WINDOW_COLOURS[window.kind]
         axes.axvspan(window.start_s - start_s, window.end_s - start_s, color=colour, alpha=0.3, linewidth=0)
-    for level_psi in {window.pressure_psi or 0.0 for window in _levels(attempt.windows)}:
+    for level_psi in {window.pressure_psi or 0.0 for window in _levels(attempt.record.windows)}:
         axes.axhspan(
             level_psi - tolerance_psi, level_psi + tolerance_psi, color=_BAND, alpha=0.45, linewidth=0
         )
@@ -74,7 +74,7 @@ def _draw_whole(axes: Axes, attempt: Attempt, pressures: PressureSamples, tolera
 
 def _draw_near(axes: Axes, attempt: Attempt, pressures: PressureSamples, tolerance_psi: float) -> None:
     """Each level's pressure less the level, from a little before its window to its end."""
-    levels = _levels(attempt.windows)
+    levels = _levels(attempt.record.windows)
     if not levels:
         axes.annotate("no level was held", (0.5, 0.5), xycoords="axes fraction", ha="center", fontsize=13)
         axes.set_yticks([])
@@ -100,14 +100,14 @@ def _span_s(attempt: Attempt) -> float:
 
 
 def _handles(attempts: Sequence[Attempt]) -> list[Line2D | Patch]:
-    kinds = {window.kind for each in attempts for window in each.windows}
+    kinds = {window.kind for each in attempts for window in each.record.windows}
     found: list[Line2D | Patch] = [
         Line2D([], [], color=_TRACE, linewidth=2, label="pressure"),
         Line2D([], [], color=_SETPOINT, linestyle="--", label="setpoint"),
         Patch(color=_BAND, alpha=0.45, label="band to hold"),
     ]
     return found + [
-        Patch(color=colour, alpha=0.3, label=_WINDOW_WORDS[kind])
+        Patch(color=colour, alpha=0.3, label=_WINDOW_NAMES[kind])
         for kind, colour in _WINDOW_COLOURS.items()
         if kind in kinds
     ]

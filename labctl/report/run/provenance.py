@@ -4,7 +4,9 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from labctl.ledger.records import RunRecord
+from labctl.instruments.readings import Identity
+from labctl.ledger.records import RunRecord, RunRequest
+from labctl.plain_json import to_json
 from labctl.report.page import Table
 from labctl.report.run.text import NONE, clock_time, signed
 from labctl.report.run.view import RunView
@@ -13,11 +15,11 @@ _INSTRUMENTS = ("regulator", "valves", "markers")
 
 
 def provenance(view: RunView) -> list[tuple[str, str]]:
-    """What, with what, by whom and when, as (name, words)."""
+    """What, with what, by whom and when, as (name, text)."""
     run = view.run
     limits = run.rig["limits"]
     return [
-        ("protocol", _asked(run.request, run.protocol)),
+        ("protocol", _format_request(run.request)),
         ("design", f"{run.design_name} ({run.design_source})"),
         ("rig", f"{run.rig_name} ({run.rig.get('source', NONE)})" + ("; simulated" if run.simulated else "")),
         (
@@ -40,12 +42,11 @@ def instruments_table(run: RunRecord) -> Table:
         (
             str(run.rig.get(name, {}).get("name", name)),
             *(
-                _told(run.identities[name].get(key))
-                for key in ("model", "serial_number", "firmware", "notes")
+                _format_value(part)
+                for part in (identity.model, identity.serial_number, identity.firmware, identity.notes)
             ),
         )
-        for name in (*_INSTRUMENTS, *sorted(set(run.identities) - set(_INSTRUMENTS)))
-        if name in run.identities
+        for name, identity in _in_order(run.identities)
     )
     return Table(("instrument", "model", "serial number", "firmware", "notes"), rows)
 
@@ -61,10 +62,10 @@ def clocks_table(view: RunView) -> Table:
             f"{1e3 * clock.delay_p99_s:.1f}",
             str(clock.frames),
             str(clock.lost),
-            NONE if each.result.frame_residual_mm is None else f"{each.result.frame_residual_mm:.2f}",
+            NONE if result.frame_residual_mm is None else f"{result.frame_residual_mm:.2f}",
         )
         for each in view.attempts
-        if each.result is not None and (clock := each.result.clock) is not None
+        if (result := each.record.result) is not None and (clock := result.clock) is not None
     )
     head = (
         "trial",
@@ -91,7 +92,7 @@ def files_table(view: RunView) -> Table:
 
 def events_table(view: RunView) -> Table:
     """What happened to the run, in order."""
-    rows = tuple((clock_time(event.at), event.kind, _told(event.detail)) for event in view.events)
+    rows = tuple((clock_time(event.at), event.kind, _format_value(event.detail)) for event in view.events)
     return Table(("when", "what", "more"), rows)
 
 
@@ -100,20 +101,28 @@ def rig_text(run: RunRecord) -> str:
     return json.dumps(run.rig, indent=2, ensure_ascii=False)
 
 
-def _asked(request: Mapping[str, Any], protocol: str) -> str:
-    told = [
-        f"{name.replace('_psi', ', psi').replace('_', ' ')}: {_told(value)}"
-        for name, value in request.items()
-        if name != "protocol" and value not in (None, [], ())
+def _in_order(identities: Mapping[str, Identity]) -> list[tuple[str, Identity]]:
+    """The three that every rig has first, others by name."""
+    names = (*_INSTRUMENTS, *sorted(set(identities) - set(_INSTRUMENTS)))
+    return [(name, identities[name]) for name in names if name in identities]
+
+
+def _format_request(request: RunRequest) -> str:
+    asked = to_json(request)
+    protocol = asked.pop("protocol")
+    parts = [
+        f"{name.replace('_psi', ', psi').replace('_', ' ')}: {_format_value(value)}"
+        for name, value in asked.items()
+        if value not in (None, [])
     ]
-    return "; ".join([protocol, *told])
+    return "; ".join([protocol, *parts])
 
 
-def _told(value: Any) -> str:  # noqa: ANN401 - whatever JSON holds
-    if value is None or value in ("", [], {}):
+def _format_value(value: Any) -> str:  # noqa: ANN401 - whatever JSON holds
+    if value is None or value in ("", [], (), {}):
         return NONE
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_told(part)}" for name, part in value.items())
+        return ", ".join(f"{name} {_format_value(part)}" for name, part in value.items())
     if isinstance(value, (list, tuple)):
-        return ", ".join(map(_told, value))
+        return ", ".join(map(_format_value, value))
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -20,16 +20,16 @@ def relaxation_figure(attempts: Sequence[Attempt]) -> Figure | None:
 
     None where no attempt has a relaxation.
     """
-    told = [
-        (each, each.result.relaxation)
+    watched = [
+        (each, relaxation)
         for each in attempts
-        if each.result is not None and each.result.relaxation is not None and each.result.relaxation.time_s
+        if (relaxation := each.record.relaxation) is not None and relaxation.time_s
     ]
-    if not told:
+    if not watched:
         return None
     figure = Figure(figsize=_SIZE_IN, layout="constrained")
     heights, rests = figure.subplots(1, 2, width_ratios=(1.7, 1.0))
-    for n, (attempt, relaxation) in enumerate(told):
+    for n, (attempt, relaxation) in enumerate(watched):
         colour = _COLOURS[n % len(_COLOURS)]
         time_s, height_mm = np.array(relaxation.time_s), numbers(relaxation.height_mm)
         label = f"trial {attempt.name}{_tau(relaxation)}"
@@ -41,7 +41,7 @@ def relaxation_figure(attempts: Sequence[Attempt]) -> Figure | None:
         if fitted_mm is not None:
             heights.plot(time_s, fitted_mm, color=colour, linewidth=1.8, label=label)
             rests.plot(time_s, height_mm - fitted_mm, ".-", color=colour, linewidth=0.8, markersize=5)
-    heights.set_xlim(0.0, _shown_s([relaxation for _, relaxation in told]))
+    heights.set_xlim(0.0, _shown_s([relaxation for _, relaxation in watched]))
     heights.set(xlabel="time from the vent, s", ylabel="mean height, mm")
     rests.set(xlabel="time from the vent, s", ylabel="measured less fitted, mm")
     rests.axhline(0, color="#8c8c8c", linewidth=1.0, zorder=1)

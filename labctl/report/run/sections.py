@@ -9,7 +9,7 @@ from labctl.config.design import Design, Face
 from labctl.errors import BadInput
 from labctl.report.page import Table
 from labctl.report.run.errors import errors_figure
-from labctl.report.run.group_tables import COMPARISON_WORDS, placements_table, published_layout
+from labctl.report.run.group_tables import COMPARISON_NOTE, placements_table, published_layout
 from labctl.report.run.heights import difference_figure, heights_figure, signed_difference_percent
 from labctl.report.run.pressures import pressure_figures
 from labctl.report.run.relaxation import relaxation_figure
@@ -20,7 +20,7 @@ from labctl.statistics.summary import Group
 
 _FACES: tuple[Face, ...] = ("top", "bottom")
 _SHEET_MM = 140.0
-_FACE_WORDS = {
+_FACE_CAPTIONS = {
     "top": "Top face, seen from above, in the sheet frame.",
     "bottom": "Bottom face, seen through the sheet from the top, in the sheet frame.",
 }
@@ -40,7 +40,7 @@ class Section:
     """A part of the page; `folded` tables are opened by whoever wants them."""
 
     title: str
-    words: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     figures: tuple[Shown, ...] = ()
     tables: tuple[tuple[str, Table], ...] = ()
     folded: tuple[tuple[str, Table], ...] = ()
@@ -58,25 +58,25 @@ def sections(view: RunView) -> Iterator[Section]:
 
 def _overview(view: RunView) -> Section:
     """The sheet, and beside it what each trial came to; every attempt as a table."""
-    shown, words = _sheets(view)
+    shown, notes = _sheets(view)
     figure = errors_figure(view)
     if figure is not None:
         shown.append(Shown(figure, "e_t of each trial", _errors_caption(view)))
     if not view.attempts:
-        words.append("No trial was committed.")
+        notes.append("No trial was committed.")
     tables = (("Every attempt", attempts_table(view)),) if view.attempts else ()
-    return Section("The sheet and the trials", tuple(words), tuple(shown), tables)
+    return Section("The sheet and the trials", tuple(notes), tuple(shown), tables)
 
 
 def _errors_caption(view: RunView) -> str:
-    told = (
+    caption = (
         "e_t: mean over the points of |r − s|, each side normalised by its own greatest height "
         "(Parsa et al., RoboSoft 2023, equation 2). The interval is a 95 % bootstrap interval of the mean over trials"
     )
     few = min((group.trials for group in view.summary.groups), default=0)
     if not 1 < few < 10:
-        return f"{told}."
-    return f"{told}; of {few} trials it is too narrow, which Student's t, in the table above, is not."
+        return f"{caption}."
+    return f"{caption}; of {few} trials it is too narrow, which Student's t, in the table above, is not."
 
 
 def _placements(view: RunView) -> Iterator[Section]:
@@ -87,7 +87,7 @@ def _placements(view: RunView) -> Iterator[Section]:
     compared = placements_table(view)
     if compared.rows:
         tables.append(("Against each other", compared))
-    yield Section("Fiber placements", tables=tuple(tables), caption=COMPARISON_WORDS if compared.rows else "")
+    yield Section("Fiber placements", tables=tuple(tables), caption=COMPARISON_NOTE if compared.rows else "")
 
 
 def _heights(view: RunView) -> Iterator[Section]:
@@ -148,23 +148,21 @@ def _sheets(view: RunView) -> tuple[list[Shown], list[str]]:
     if view.design is None:
         return [], [f"The design's text cannot be read by this program: {view.run.design_source}."]
     shown: list[Shown] = []
-    words: list[str] = []
-    patterns = dict.fromkeys(
-        [*(each.record.pattern for each in view.attempts), *view.run.request["patterns"]]
-    )
+    notes: list[str] = []
+    patterns = dict.fromkeys([*(each.record.pattern for each in view.attempts), *view.run.request.patterns])
     for pattern in patterns:
         for face in _FACES:
             if face == "top" or _has_fibers(view.design, face):
                 try:
                     figure = face_figure(view.design, pattern, face, view.points)
                 except BadInput as error:
-                    words.append(f"{error}.")
+                    notes.append(f"{error}.")
                     break
-                caption = f"Jammed for {name(pattern)}. {_FACE_WORDS[face]}"
+                caption = f"Jammed for {name(pattern)}. {_FACE_CAPTIONS[face]}"
                 shown.append(Shown(figure, f"Fibers of the {face} face, jammed for {pattern}", caption))
     if not _has_fibers(view.design, "bottom"):
-        words.append("All fibers are on the top face.")
-    return shown, words
+        notes.append("All fibers are on the top face.")
+    return shown, notes
 
 
 def _has_fibers(design: Design, face: Face) -> bool:

@@ -1,6 +1,6 @@
 """A design's sheet as it was measured: one face's fibers, jammed and not, and the measuring points on it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from labctl.config.design import Design, Face, Fiber
+from labctl.config.rig import MarkerPoint
 from labctl.design_search.fiber_list import ListedFiber
 from labctl.report.picture_style import shortened
 from labctl.report.search.fibers import number_places_mm
@@ -26,10 +27,10 @@ _LONGEST_ID = 10
 _FEW_POINTS = 24
 
 
-def face_figure(design: Design, pattern: str, face: Face, points: Sequence[Mapping[str, Any]]) -> Figure:
+def face_figure(design: Design, pattern: str, face: Face, points: Sequence[MarkerPoint]) -> Figure:
     """One face with its fibers, in the sheet frame: x right and y up, seen from the top face.
 
-    `points` are the m measuring points: id, x_mm, y_mm. They sit on the top face.
+    `points` are the m measuring points. They sit on the top face.
 
     Raises:
         BadInput: the design has no such pattern.
@@ -61,13 +62,13 @@ def draw_disc(axes: Axes, diameter_mm: float) -> None:
     axes.set(**shown, aspect="equal", xlabel="x, mm", ylabel="y, mm")
 
 
-def draw_points(axes: Axes, points: Sequence[Mapping[str, Any]]) -> None:
+def draw_points(axes: Axes, points: Sequence[MarkerPoint]) -> None:
     """The measuring points with their marker ids."""
     size = 11.0 if len(points) <= _FEW_POINTS else 8.0
     for point in points:
         axes.plot(
-            point["x_mm"],
-            point["y_mm"],
+            point.x_mm,
+            point.y_mm,
             "o",
             markersize=1.75 * size,
             markerfacecolor="white",
@@ -76,8 +77,8 @@ def draw_points(axes: Axes, points: Sequence[Mapping[str, Any]]) -> None:
             zorder=20,
         )
         axes.annotate(
-            str(point["id"]),
-            (point["x_mm"], point["y_mm"]),
+            str(point.id),
+            (point.x_mm, point.y_mm),
             ha="center",
             va="center_baseline",
             fontsize=size,

@@ -1,10 +1,11 @@
-"""A run in words: what was measured, what came out, and what each attempt was."""
+"""A run as text: what was measured, what came out, and what each attempt was."""
 
 import math
 from collections.abc import Callable, Mapping
 from datetime import datetime, timedelta
 
-from labctl.ledger.records import Moment, RunRecord
+from labctl.ledger.moment import Moment
+from labctl.ledger.records import RunRecord
 from labctl.ledger.state import RunState
 from labctl.measurement.result import LevelResult
 from labctl.report.page import Table
@@ -33,10 +34,10 @@ def headline(view: RunView) -> str:
     taus = [group for group in groups if group.tau_mean_s is not None]
     if taus and not any(group.e_t_mean_percent is not None for group in groups):
         return "; ".join(group_sentence(view, group) for group in taus)
-    told = [group for group in groups if group.e_t_mean_percent is not None]
-    if not told:
+    compared = [group for group in groups if group.e_t_mean_percent is not None]
+    if not compared:
         return f"{_subject(view)}: heights at {len(groups)} levels, nothing simulated to compare with"
-    low, high = min(told, key=_e_t), max(told, key=_e_t)
+    low, high = min(compared, key=_e_t), max(compared, key=_e_t)
     return (
         f"e_t from {percent(low.e_t_mean_percent)} ({_where(view, low)}) to {percent(high.e_t_mean_percent)} "
         f"({_where(view, high)})"
@@ -67,8 +68,8 @@ def mean_sd(mean: float | None, sd: float | None, unit: str, decimals: int) -> s
     """A mean with its standard deviation where there is one: "12.3 % ± 0.5 %"."""
     if mean is None:
         return NONE
-    told = f"{mean:.{decimals}f}\u00a0{unit}"
-    return told if sd is None else f"{told}\u00a0±\u00a0{sd:.{decimals}f}\u00a0{unit}"
+    text = f"{mean:.{decimals}f}\u00a0{unit}"
+    return text if sd is None else f"{text}\u00a0±\u00a0{sd:.{decimals}f}\u00a0{unit}"
 
 
 def percent(mean: float | None, sd: float | None = None) -> str:
@@ -77,14 +78,14 @@ def percent(mean: float | None, sd: float | None = None) -> str:
 
 
 def unfinished(view: RunView) -> str:
-    """What to say first of a run that is not finished; "" of one that is."""
-    words: Mapping[RunState, str] = {
+    """What stands first on the page of a run that is not finished; "" of one that is."""
+    notes: Mapping[RunState, str] = {
         "finished": "",
         "failed": "This run failed: a trial was not good in any of its attempts.",
         "interrupted": f"This run was interrupted; labctl run --continue {view.run.number} goes on with it.",
         "running": "This run is still running; the page shows what was committed so far.",
     }
-    return words[view.state]
+    return notes[view.state]
 
 
 def name(text: str) -> str:
@@ -100,7 +101,7 @@ def signed(value: float, decimals: int) -> str:
 def glance(view: RunView) -> list[tuple[str, str]]:
     """The run's few numbers, as (what, how much)."""
     counted = [each for each in view.attempts if each.counts]
-    levels = [level for each in counted if each.result is not None for level in each.result.levels]
+    levels = [level for each in counted for level in each.record.levels]
     low = [level.lowest_psi for level in levels if level.lowest_psi is not None]
     high = [level.highest_psi for level in levels if level.highest_psi is not None]
     first = [group for group in view.summary.groups if group.e_t_mean_percent is not None]
@@ -151,7 +152,7 @@ def groups_table(view: RunView) -> Table:
 
 
 def format_interval(low: float | None, high: float | None) -> str:
-    """An interval of percentages in words."""
+    """An interval of percentages."""
     if low is None or high is None:
         return NONE
     decimals = _decimals(high)
@@ -159,7 +160,7 @@ def format_interval(low: float | None, high: float | None) -> str:
 
 
 def attempts_table(view: RunView) -> Table:
-    """Every attempt in the order committed; those that do not count are dimmed and say why."""
+    """Every attempt in the order committed; those that do not count are dimmed, with the reason."""
     placed = view.placed
     several = len({each.record.pattern for each in view.attempts}) > 1
     head = (
@@ -198,12 +199,12 @@ def attempts_table(view: RunView) -> Table:
 
 
 def points_table(view: RunView, group: Group) -> Table:
-    """A group's measuring points: where they are, both heights, and what e_t says of them."""
+    """A group's measuring points: where they are, both heights, and their part of e_t."""
     rows = tuple(
         (
-            str(point["id"]),
-            f"{point['x_mm']:g}",
-            f"{point['y_mm']:g}",
+            str(point.id),
+            f"{point.x_mm:g}",
+            f"{point.y_mm:g}",
             _mean_of(measured, sd, 2),
             _number(simulated),
             _mean_of(error, error_sd, 1),
@@ -226,12 +227,12 @@ def points_table(view: RunView, group: Group) -> Table:
 def clock_time(moment: Moment) -> str:
     """A moment's date and time of day with its zone, to the second."""
     try:
-        told = datetime.fromisoformat(moment.wall)
+        at = datetime.fromisoformat(moment.wall)
     except ValueError:
         return moment.wall
-    zone = told.utcoffset()
-    name = "" if zone is None else "\u00a0UTC" if zone == timedelta(0) else f"\u00a0UTC{told.strftime('%z')}"
-    return f"{told:%Y-%m-%d %H:%M:%S}{name}"
+    zone = at.utcoffset()
+    name = "" if zone is None else "\u00a0UTC" if zone == timedelta(0) else f"\u00a0UTC{at.strftime('%z')}"
+    return f"{at:%Y-%m-%d %H:%M:%S}{name}"
 
 
 def _begun(attempt: Attempt, view: RunView) -> str:
@@ -252,9 +253,8 @@ def _took(attempt: Attempt) -> str:
     return duration(ended.mono_s - begun.mono_s) if begun.boot == ended.boot else NONE
 
 
-def _levels(attempt: Attempt, words: Callable[[LevelResult], str]) -> str:
-    levels = () if attempt.result is None else attempt.result.levels
-    return "; ".join(words(level) for level in levels) or NONE
+def _levels(attempt: Attempt, format_level: Callable[[LevelResult], str]) -> str:
+    return "; ".join(format_level(level) for level in attempt.record.levels) or NONE
 
 
 def _judged(attempt: Attempt) -> str:
@@ -266,9 +266,9 @@ def _judged(attempt: Attempt) -> str:
 
 
 def _subject(view: RunView) -> str:
-    patterns = view.run.request.get("patterns") or [view.run.design_name]
-    told = ", ".join(name(str(each)) for each in patterns)
-    return told[:1].upper() + told[1:]
+    patterns = view.run.request.patterns or (view.run.design_name,)
+    text = ", ".join(map(name, patterns))
+    return text[:1].upper() + text[1:]
 
 
 def _after(view: RunView) -> str:

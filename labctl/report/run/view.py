@@ -2,17 +2,15 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from labctl.config.design import Design
 from labctl.config.load import design_from_text
+from labctl.config.rig import MarkerPoint
 from labctl.errors import LabError
 from labctl.instruments.readings import PressureSamples
 from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
 from labctl.ledger.state import RunState
-from labctl.measurement.codec import result_from_json, window_from_json
-from labctl.measurement.result import LevelResult, TrialResult
-from labctl.measurement.windows import Window
+from labctl.measurement.result import LevelResult
 from labctl.statistics.summary import Group, RunSummary, good_trials, summarise
 
 # A trial's pressures; raises a LabError where they cannot be read.
@@ -21,14 +19,12 @@ ReadPressures = Callable[[TrialRecord], PressureSamples]
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """One attempt at a trial; `counts` tells whether the run's numbers come from it.
+    """One attempt at a trial; `counts` is whether the run's numbers come from it.
 
-    `pressures` is None where none were recorded or they cannot be read; `missing` then says why.
+    `pressures` is None where none were recorded or they cannot be read; `missing` is then why.
     """
 
     record: TrialRecord
-    result: TrialResult | None
-    windows: tuple[Window, ...]
     counts: bool
     pressures: PressureSamples | None
     missing: str = ""
@@ -41,8 +37,9 @@ class Attempt:
 
     def level(self, pressure_psi: float) -> LevelResult | None:
         """The result at a pressure, the last if there are several; None if there is none."""
-        levels = () if self.result is None else self.result.levels
-        return next((each for each in reversed(levels) if each.pressure_psi == pressure_psi), None)
+        return next(
+            (each for each in reversed(self.record.levels) if each.pressure_psi == pressure_psi), None
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +76,14 @@ class RunView:
         return len({each.record.placement for each in self.attempts}) > 1
 
     @property
-    def points(self) -> tuple[dict[str, Any], ...]:
-        """The m measuring points in the rig's order: id, x_mm, y_mm."""
-        return tuple(self.run.rig["markers"]["points"])
+    def points(self) -> tuple[MarkerPoint, ...]:
+        """The m measuring points in the rig's order."""
+        return self.run.points
 
     @property
     def tolerance_psi(self) -> float:
         """How far the pressure may be from the one to hold."""
-        return float(self.run.rig["limits"]["hold_tolerance_psi"])
+        return self.run.tolerance_psi
 
     def counted(self, group: Group) -> tuple[Attempt, ...]:
         """The attempts that a group's numbers come from."""
@@ -127,9 +124,7 @@ def _attempt(trial: TrialRecord, counts: bool, read: ReadPressures) -> Attempt:
             missing = str(error)
     else:
         missing = "no pressure was recorded"
-    windows = tuple(window_from_json(window) for window in trial.windows)
-    result = None if trial.result is None else result_from_json(trial.result)
-    return Attempt(trial, result, windows, counts, pressures, missing)
+    return Attempt(trial, counts, pressures, missing)
 
 
 def _design(run: RunRecord) -> Design | None:
