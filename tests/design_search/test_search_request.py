@@ -6,7 +6,7 @@ from evolve.problem import Physics
 from evolve.settings import differences
 from evolve.variation import DEFAULT_RATES, PUBLISHED_RATES
 from labctl.cli.evolve.options import SearchOptions, choices_of, search_options, seeds_of
-from labctl.cli.rigs import design_option
+from labctl.cli.options import design_option
 from labctl.config.load import design_text, load_design
 from labctl.design_search.search_request import settings_of
 from labctl.doubles.rig_file import rig_toml

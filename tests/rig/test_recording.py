@@ -8,11 +8,11 @@ import pytest
 from labctl.instruments.readings import MarkerFrames
 from labctl.mocap.frames import concatenate, select_frames
 from labctl.rig import Rig
-from labctl.stop import StopRequest
+from labctl.stop import OperatorStop
 
 
 def open_rig(config):
-    return Rig(config, stop=StopRequest(), tell=lambda _: None)
+    return Rig(config, stop=OperatorStop(), tell=lambda _: None)
 
 
 class Notes:

@@ -8,11 +8,11 @@ from labctl.doubles.chamber import Mode
 from labctl.doubles.faults import Faults, parse_faults
 from labctl.errors import InstrumentError, RigUnavailable, Stopped, Tripped, Unsafe
 from labctl.rig import Rig
-from labctl.stop import StopRequest
+from labctl.stop import OperatorStop
 
 
 def open_rig(config, stop=None, tell=lambda _: None):
-    return Rig(config, stop=stop or StopRequest(), tell=tell)
+    return Rig(config, stop=stop or OperatorStop(), tell=tell)
 
 
 def pressurise(rig, pressure_psi=2.0):
@@ -64,7 +64,7 @@ def test_leaving_the_block_in_any_way_ends_in_safe(serve, error):
 
 def test_a_stop_is_seen_by_the_next_verb(serve):
     doubles, config = serve()
-    stop = StopRequest()
+    stop = OperatorStop()
     with pytest.raises(Stopped, match="Ctrl-C"), open_rig(config, stop) as rig:
         pressurise(rig)
         stop.set("Ctrl-C")

@@ -15,10 +15,12 @@ from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session.engine import Listener, conduct
 from labctl.session.inbox import Inbox
-from labctl.session.preparation import PreparedRun, begin, go_on
+from labctl.session.prepare import PreparedRun
+from labctl.session.record import begin_run
 from labctl.session.request import RunOptions, complete, plan
+from labctl.session.resume import go_on
 from labctl.session.run_stop import RunStop
-from labctl.stop import StopRequest
+from labctl.stop import OperatorStop
 from protocols.five_trial import FIVE_TRIAL
 
 SPEED = 20.0
@@ -50,7 +52,7 @@ class Laboratory:
         text = self.doubles.rig_toml()
         text = text.replace("[limits]\n", f'[limits]\nsettle = "1 s"\ncapture = "0.5 s"\n{limits}')
         self.config = rig_from_text(text + measurement, "rig.toml")
-        self.operator = StopRequest()
+        self.operator = OperatorStop()
         self.design = DESIGN
         self.told = []
         self.notes = []
@@ -75,7 +77,7 @@ class Laboratory:
             def register(rig):
                 if run is not None:
                     return go_on(ledger, run, rig, "a test", "")
-                return begin(ledger, prepared, len(trials), heights, rig, "a test", "")
+                return begin_run(ledger, prepared, len(trials), heights, rig, "a test", "")
 
             rig = Rig(self.config, stop=stop, tell=self.notes.append)
             return conduct(rig, register, trials, prepared.request.attempts, ledger, stop, listener)

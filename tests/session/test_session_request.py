@@ -48,7 +48,7 @@ def test_five_trials_read_like_the_laboratorys_checklist():
     trials = planned("five-trial", RunOptions(("sphere",)))
 
     assert [trial.number for trial in trials] == [1, 2, 3, 4, 5]
-    assert [step.words.split(" (")[0] for step in trials[0].checklist.steps] == [
+    assert [step.description.split(" (")[0] for step in trials[0].checklist.steps] == [
         "wait until the sheet has relaxed",
         "capture the uninflated sheet",
         "jam sphere",
@@ -70,15 +70,18 @@ def test_a_calibration_is_a_staircase_within_one_inflation():
     (trial,) = planned("calibration", RunOptions(("cylinder",), pressures_psi=(3.0, 2.0), trials=1))
 
     assert trial.pressures_psi == (2.0, 3.0)
-    ramps = [step.words for step in trial.checklist.steps if step.words.startswith("ramp")]
+    ramps = [step.description for step in trial.checklist.steps if step.description.startswith("ramp")]
     assert ramps == ["ramp to 2.00 psi at 1 psi/s", "ramp to 3.00 psi at 1 psi/s"]
-    assert [step.lasts_s for step in trial.checklist.steps if step.words.startswith("ramp")] == [2.0, 1.0]
+    assert [step.lasts_s for step in trial.checklist.steps if step.description.startswith("ramp")] == [
+        2.0,
+        1.0,
+    ]
 
 
 def test_relaxation_vents_before_it_watches_and_vents_again_in_its_teardown():
     (trial,) = planned("relaxation", RunOptions(("sphere",), trials=1, watch_s=30.0))
 
-    words = [step.words for step in trial.checklist.steps]
+    words = [step.description for step in trial.checklist.steps]
     assert words[-3:] == [
         "vent, unjam, and read SAFE back",
         "record the sheet for 30 s after venting",
