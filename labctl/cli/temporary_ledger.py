@@ -27,24 +27,21 @@ def temporary_ledger() -> Iterator[Path]:
         try:
             yield Path(name)
         except LabError as error:
-            refusal = _refusal(error)
+            refusal = _of_the_disk(error)
             if name not in str(error) or refusal is None:
                 raise
+            why = refusal.strerror if isinstance(refusal, OSError) else refusal
             raise LabError(
-                f"the temporary recording in {Path(name).parent} could not be written: {refusal}; {_HINT}"
-            ) from error
+                f"the temporary recording in {Path(name).parent} could not be written: {why}; {_HINT}"
+            ) from refusal
 
 
 _HINT = "free some space there, name another place by the environment's TMPDIR, or keep the run with --keep"
 
 
-def _refusal(error: BaseException) -> str | None:
+def _of_the_disk(error: BaseException) -> OSError | sqlite3.Error | None:
     """What the disk said that led to an error; None where no disk did."""
     cause: BaseException | None = error
-    while cause is not None:
-        if isinstance(cause, OSError):
-            return cause.strerror or str(cause)
-        if isinstance(cause, sqlite3.Error):
-            return str(cause)
+    while cause is not None and not isinstance(cause, (OSError, sqlite3.Error)):
         cause = cause.__cause__
-    return None
+    return cause

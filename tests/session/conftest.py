@@ -51,7 +51,8 @@ class Laboratory:
         )
         text = self.doubles.rig_toml()
         text = text.replace("[limits]\n", f'[limits]\nsettle = "1 s"\ncapture = "0.5 s"\n{limits}')
-        self.config = rig_from_text(text + measurement, "rig.toml")
+        self.rig_text = text + measurement
+        self.config = rig_from_text(self.rig_text, "rig.toml")
         self.operator = OperatorStop()
         self.design = DESIGN
         self.told = []
