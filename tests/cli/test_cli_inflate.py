@@ -36,6 +36,28 @@ def test_inflates_on_doubles_of_its_own_and_tells_machines(labctl):
     assert result["safe"] is True
 
 
+def test_what_is_kept_is_a_run_whose_numbers_can_be_had_again(labctl, served, tmp_path):
+    ledger = ("--ledger", tmp_path / "ledger")
+    done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig, "--keep", *ledger)
+
+    assert done.code == 0, done.err
+    assert done.out.splitlines()[-1] == "look at it: labctl show 1, labctl report 1"
+    verified = labctl("verify", "1", *ledger)
+    assert verified.code == 0, verified.err
+    assert "run 1: inflate" in verified.out
+
+
+def test_markers_that_hide_end_it_with_the_reason_and_without_a_number(labctl, doubles_with):
+    with doubles_with("--fault", "markers=blind@1psi") as served:
+        done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig)
+
+        assert done.code == 1
+        assert done.out == ""
+        assert "markers were seen in at least 50% of the frames" in done.err
+        assert "continue" not in done.err
+        assert is_safe(served.last())
+
+
 def test_tells_people_the_pressure_the_heights_the_error_and_safe(labctl, served):
     done = labctl("inflate", "--pattern", "cylinder", "--rig", served.rig)
 

@@ -12,6 +12,7 @@ from labctl.session.catalogue import find_protocol, protocol_names
 from labctl.session.contract import RunRequest
 from labctl.session.dry_run import group_repeated
 from labctl.session.request import RunOptions, complete, plan
+from protocols.inflate import INFLATE
 
 DESIGN = load_design("known")
 
@@ -58,6 +59,27 @@ def test_five_trials_read_like_the_laboratorys_checklist():
         "vent, unjam, and read SAFE back",
     ]
     assert all(step.deadline_s > step.lasts_s > 0 for step in trials[0].checklist.steps)
+
+
+def test_inflate_is_one_trial_that_waits_for_no_stillness():
+    (trial,) = plan(INFLATE, complete(INFLATE, RunOptions(("sphere",)), DESIGN), DESIGN, rig())
+
+    assert trial.pressures_psi == (3.9,)
+    assert [step.description.split(" (")[0] for step in trial.checklist.steps] == [
+        "wait until less than 0.1 psi are left",
+        "capture the uninflated sheet",
+        "jam sphere",
+        "ramp to 3.90 psi at 1 psi/s",
+        "hold 3.90 +- 0.1 psi until the pressure has settled",
+        "capture the sheet at 3.90 psi",
+        "vent, unjam, and read SAFE back",
+    ]
+    assert all(step.deadline_s > step.lasts_s > 0 for step in trial.checklist.steps)
+
+
+def test_inflate_is_not_repeated():
+    with pytest.raises(BadInput, match="inflate does 1 trial of each kind, and --trials is 2"):
+        complete(INFLATE, RunOptions(("sphere",), trials=2), DESIGN)
 
 
 def test_a_sweep_goes_through_all_pressures_before_it_repeats_one():

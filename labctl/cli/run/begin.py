@@ -21,7 +21,7 @@ def begin(prepared: PreparedRun, design_name: str, ledger_folder: Path, options:
     plan(prepared.protocol, prepared.request, prepared.design, rig_to_be(options.rig_path, prepared.design))
     with open_session(nullcontext(ledger_folder), options) as session:
         finished = measure(prepared, design_name, options, session, quiet=options.as_json)
-        _tell(finished, options)
+        _print_result(finished, options)
 
 
 def resume(name: str, ledger_folder: Path, options: SessionOptions) -> None:
@@ -40,8 +40,8 @@ def resume(name: str, ledger_folder: Path, options: SessionOptions) -> None:
         design = Path(folder) / "design.toml"
         design.write_text(prepared.design_text, encoding="utf-8")
         finished = measure(prepared, str(design), options, session, quiet=options.as_json)
-        _tell(finished, options)
+        _print_result(finished, options)
 
 
-def _tell(finished: FinishedRun, options: SessionOptions) -> None:
+def _print_result(finished: FinishedRun, options: SessionOptions) -> None:
     tell_result(finished.run, finished.summary, finished.trials, finished.safe, options.as_json)
