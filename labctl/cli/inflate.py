@@ -11,14 +11,16 @@ from click.core import ParameterSource
 
 from labctl.cli.options import design_option, json_option, ledger_option, rig_option
 from labctl.cli.output import banner, emit_json, number, table
-from labctl.errors import BadInput
+from labctl.errors import BadInput, LabError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from labctl.cli.run.options import SessionOptions
     from labctl.cli.run.session import FinishedRun
     from labctl.measurement.result import LevelResult
+    from labctl.session.prepare import PreparedRun
 
 
 @click.command()
@@ -59,28 +61,34 @@ def inflate(
     prepared = prepare(INFLATE, asked, design_name)
     plan(prepared.protocol, prepared.request, prepared.design, rig_to_be(rig_path, prepared.design))
 
-    # The instruments' side takes a second to import: what is asked for wrongly is answered before.
-    from labctl.cli.run.session import measure, open_session
-    from labctl.cli.temporary_ledger import temporary_ledger
-    from labctl.errors import LabError
-    from labctl.session.engine import RunFailed
-
     options = SessionOptions(rig_path, as_json)
-    ledger = nullcontext(ledger_folder) if keep else temporary_ledger()
-    try:
-        with open_session(ledger, options) as session:
-            finished = measure(prepared, design_name, options, session, quiet=True)
-    except RunFailed as failed:
-        if keep:
-            raise
-        # What nobody can go on with.
-        raise LabError(failed.reason) from failed.__cause__
+    finished = _measure(prepared, design_name, ledger_folder if keep else None, options)
     if as_json:
         emit_json(_for_machines(finished, kept=keep))
         return
     _for_people(finished)
     if keep:
         click.echo(f"look at it: labctl show {finished.run.number}, labctl report {finished.run.number}")
+
+
+def _measure(
+    prepared: "PreparedRun", design_name: str, kept_in: Path | None, options: "SessionOptions"
+) -> "FinishedRun":
+    """The finished run, in the ledger `kept_in` or, where that is None, in one that is gone by now."""
+    # The instruments' side takes a second to import: what is asked for wrongly is answered before.
+    from labctl.cli.run.session import measure, open_session
+    from labctl.cli.temporary_ledger import temporary_ledger
+    from labctl.session.engine import RunFailed
+
+    ledger = temporary_ledger() if kept_in is None else nullcontext(kept_in)
+    try:
+        with open_session(ledger, options) as session:
+            return measure(prepared, design_name, options, session, quiet=True)
+    except RunFailed as failed:
+        if kept_in is not None:
+            raise
+        # Nobody can go on with a run that is gone.
+        raise LabError(failed.reason) from failed.__cause__
 
 
 def _for_machines(finished: "FinishedRun", *, kept: bool) -> dict[str, Any]:

@@ -212,7 +212,8 @@ def test_min_share_of_the_rig_rules_both(bench, min_share, good):
         assert_both_refuse(found, "14 of 16 markers were seen in at least 50% of the frames")
 
 
-def test_a_person_is_told_how_to_look_at_what_was_kept(bench, tmp_path):
+def test_a_person_is_told_how_to_look_at_what_was_kept(bench, tmp_path, monkeypatch):
+    monkeypatch.setenv("LABCTL_OPERATOR", "Ada")
     ended = bench.inflate(made(), "--keep", "--ledger", str(tmp_path / "kept"))
 
     lines = ended.out.splitlines()
@@ -220,6 +221,7 @@ def test_a_person_is_told_how_to_look_at_what_was_kept(bench, tmp_path):
     assert lines[-1] == "look at it: labctl show 1, labctl report 1"
     with Ledger.open(tmp_path / "kept", print) as ledger:
         assert ledger.run(1).protocol == "inflate"
+        assert ledger.run(1).operator == "Ada"
         assert [event.kind for event in ledger.events(1)] == ["trial-begun", "finished"]
 
 
