@@ -32,7 +32,7 @@ from labctl.ledger.raw.recording import RawRecorder, read_frames
 from labctl.measurement.clock_fit import fit_clock
 from labctl.rig import Rig
 from labctl.safety.supervisor import POLL_PERIOD_S
-from labctl.stop import StopRequest
+from labctl.stop import OperatorStop
 
 MARKERS = 72
 FREQUENCY_HZ = 960.0
@@ -161,7 +161,7 @@ def sleeping() -> Iterator[list[float]]:
 
 def record(config: RigConfig, seconds: float, folder: Path) -> Load:
     """Hold the sheet inflated and record for `seconds`."""
-    stop = StopRequest()
+    stop = OperatorStop()
     with Rig(config, stop=stop, notify=print) as rig:
         rig.make_safe()
         rig.jam({4})

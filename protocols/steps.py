@@ -21,23 +21,39 @@ _UNINFLATED_PSI = 0.1
 # An exchange with an instrument, a reading that is waited for: what a step takes beside its waits.
 _MARGIN_S = 10.0
 _USUAL_VENT_S = 3.0
+_USUAL_READING_S = 1.0
 _USUAL_STILL_S = 20.0
 # What one look at the sheet is averaged over, so that the cameras' noise does not pass for movement.
 _LOOK_S = 1.0
 
 
-def wait_until_relaxed(rig: RigConfig) -> Step:
-    """No pressure is left, and the sheet has come to rest since the shape before."""
+def wait_until_uninflated(rig: RigConfig) -> Step:
+    """No pressure is left."""
 
     def do(bench: Bench) -> None:
         bench.rig.fall_below(_UNINFLATED_PSI)
+
+    return Step(
+        f"wait until less than {_UNINFLATED_PSI:g} psi are left",
+        _USUAL_READING_S,
+        rig.limits.vent_timeout_s + _MARGIN_S,
+        do,
+    )
+
+
+def wait_until_relaxed(rig: RigConfig) -> Step:
+    """No pressure is left, and the sheet has come to rest since the shape before."""
+    uninflated = wait_until_uninflated(rig)
+
+    def do(bench: Bench) -> None:
+        uninflated.do(bench)
         _wait_until_still(bench, rig.measurement.relax_timeout_s, "relax_timeout")
 
     wanted = rig.measurement
     return Step(
         f"wait until the sheet has relaxed (moves less than {wanted.still_mm:g} mm in {wanted.still_over_s:g} s)",
         lasts_s=_USUAL_STILL_S,
-        deadline_s=wanted.relax_timeout_s + rig.limits.vent_timeout_s + _MARGIN_S,
+        deadline_s=wanted.relax_timeout_s + uninflated.deadline_s,
         do=do,
     )
 
@@ -83,18 +99,34 @@ def ramp(pressure_psi: float, rig: RigConfig, from_psi: float = 0.0) -> Step:
     )
 
 
-def hold_until_settled(pressure_psi: float, rig: RigConfig) -> Step:
-    """The pressure stays within its band, and the sheet has taken its shape."""
+def hold_pressure(pressure_psi: float, rig: RigConfig) -> Step:
+    """The pressure stays within its band."""
     limits = rig.limits
 
     def do(bench: Bench) -> None:
         bench.rig.settle(pressure_psi, lambda reading: _show(bench, reading))
+
+    return Step(
+        f"hold {pressure_psi:.2f} +- {limits.hold_tolerance_psi:g} psi until the pressure has settled",
+        limits.settle_s,
+        limits.settle_timeout_s + _MARGIN_S,
+        do,
+        pressure_psi,
+    )
+
+
+def hold_until_settled(pressure_psi: float, rig: RigConfig) -> Step:
+    """The pressure stays within its band, and the sheet has taken its shape."""
+    hold = hold_pressure(pressure_psi, rig)
+
+    def do(bench: Bench) -> None:
+        hold.do(bench)
         _wait_until_still(bench, rig.measurement.shape_timeout_s, "shape_timeout")
 
     return Step(
-        f"hold {pressure_psi:.2f} +- {limits.hold_tolerance_psi:g} psi until pressure and shape have settled",
-        limits.settle_s + _USUAL_STILL_S,
-        limits.settle_timeout_s + rig.measurement.shape_timeout_s + _MARGIN_S,
+        f"hold {pressure_psi:.2f} +- {rig.limits.hold_tolerance_psi:g} psi until pressure and shape have settled",
+        hold.lasts_s + _USUAL_STILL_S,
+        hold.deadline_s + rig.measurement.shape_timeout_s,
         do,
         pressure_psi,
     )
@@ -137,9 +169,9 @@ def watch_the_sheet_relax(seconds: float) -> Step:
 
 
 def _capturing(
-    words: str, rig: RigConfig, do: Callable[[Bench], None], pressure_psi: float | None = None
+    description: str, rig: RigConfig, do: Callable[[Bench], None], pressure_psi: float | None = None
 ) -> Step:
-    return Step(words, rig.limits.capture_s, rig.limits.capture_s + _MARGIN_S, do, pressure_psi)
+    return Step(description, rig.limits.capture_s, rig.limits.capture_s + _MARGIN_S, do, pressure_psi)
 
 
 def _wait_until_still(bench: Bench, timeout_s: float, setting: str) -> None:
@@ -182,8 +214,10 @@ def _require_seen(bench: Bench, places_mm: Sequence[NDArray[np.float64]]) -> Non
 
 
 def _mean_mm(bench: Bench) -> NDArray[np.float64]:
+    config = bench.rig.config
     frames, _ = bench.rig.capture(_LOOK_S)
-    return average(frames, [point.id for point in bench.rig.config.markers.points]).mean_mm
+    ids = [point.id for point in config.markers.points]
+    return average(frames, ids, config.measurement.min_share).mean_mm
 
 
 def _moved_mm(before_mm: NDArray[np.float64], after_mm: NDArray[np.float64]) -> float:

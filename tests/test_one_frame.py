@@ -5,19 +5,30 @@ sheet to cameras, cameras back to sheet. The pattern has no symmetry at all, so 
 joint moves heights by millimetres.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from virtual_rig import VirtualRig
 
 from labctl.config.design import Design
-from labctl.config.load import load_design, load_rig
+from labctl.config.load import load_design
 from labctl.doubles.markers import MarkerSettings
 from labctl.doubles.reality_gap import NO_GAP
-from labctl.doubles.serve import Doubles
 from labctl.doubles.settings import DoublesSettings
+from labctl.doubles.simulated_rig import simulated_shapes
+from labctl.mocap.frame import fit_sheet_frame
+from labctl.mocap.frames import between, concatenate
+from labctl.mocap.heights import inflation_heights_mm
+from labctl.mocap.window import average
 from labctl.rig import Rig
+from labctl.session.contract import Bench
+from labctl.session.perform import perform
+from labctl.session.request import RunOptions, complete, plan
+from labctl.session.run_stop import RunStop
 from labctl.simulation.patterns import sheet_of, simulate_pattern
-from labctl.stop import StopRequest
-from protocols.inflate import InflateOrder, inflate
+from labctl.stop import OperatorStop
+from protocols.inflate import INFLATE
 from sim.materials import JAMMED, UNJAMMED
 
 DESIGN = """
@@ -77,16 +88,36 @@ def design(tmp_path_factory) -> Design:
 
 
 @pytest.fixture(scope="module")
-def measured(design, tmp_path_factory):
+def measured(design):
     """The sheet of the doubles, without a reality gap, inflated and measured through the bytes of the wires."""
-    path = tmp_path_factory.mktemp("rig") / "rig.toml"
-    settings = DoublesSettings(design, speed=5.0, gap=NO_GAP, markers=MarkerSettings(occlusion_hz=0.0))
-    with Doubles(settings) as doubles:
-        path.write_text(doubles.rig_toml())
-        config = load_rig(path)
-        with Rig(config, stop=StopRequest(), notify=lambda _: None) as rig:
-            result = inflate(rig, InflateOrder(design.channels("hook"), 3.9), lambda _: None)
-    return config.markers.points_mm(), result
+    settings = {"gap": NO_GAP, "markers": MarkerSettings(occlusion_hz=0.0)}
+    shapes = simulated_shapes(DoublesSettings(design, **settings), lambda _: None)
+    virtual = VirtualRig(design=design, shapes=shapes, **settings)
+    config = virtual.config
+    with Rig(config, stop=OperatorStop(), notify=lambda _: None, platform=virtual.platform) as rig:
+        frames, windows = recorded(design, rig)
+    virtual.close()
+    points, ids = config.markers.points_mm(), [point.id for point in config.markers.points]
+    baseline, inflated = (
+        average(between(frames, frames.arrival_s, window.start_s, window.end_s), ids) for window in windows
+    )
+    frame = fit_sheet_frame(ids, points, baseline.mean_mm, config.markers.up)
+    return points, SimpleNamespace(
+        heights_mm=inflation_heights_mm(baseline, inflated, frame),
+        positions_mm=frame.to_sheet(inflated.mean_mm),
+    )
+
+
+def recorded(design, rig):
+    """All frames of one inflation of the pattern, and the windows that its steps marked."""
+    request = complete(INFLATE, RunOptions(("hook",)), design)
+    (trial,) = plan(INFLATE, request, design, rig.config)
+    taken, windows = [], []
+    recorder = SimpleNamespace(take_frames=taken.append, take_pressure=lambda _: None, fail=print)
+    with rig.recording(recorder):
+        done = perform(trial.checklist, Bench(rig, windows.append, lambda _: None), RunStop(OperatorStop()))
+    assert done.first_error is None, done.first_error
+    return concatenate(taken), windows
 
 
 def test_the_fibers_land_on_the_columns_and_faces_of_the_file(design):

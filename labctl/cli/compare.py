@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
+from labctl.cli.options import design_option, json_option
 from labctl.cli.output import emit_json, table
-from labctl.cli.rigs import design_option, json_option
 
 
 @click.command()

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from labctl.cli.options import json_option, rig_option
 from labctl.cli.output import banner, emit_json
-from labctl.cli.rigs import chosen_rig, json_option, rig_option
+from labctl.cli.rigs import chosen_rig
 
 if TYPE_CHECKING:
     from labctl.config.rig import RigConfig

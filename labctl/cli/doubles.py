@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from labctl.cli.options import design_option, json_option
 from labctl.cli.output import SIMULATED, emit_json
-from labctl.cli.rigs import design_option, json_option
 
 if TYPE_CHECKING:
     from labctl.stop import StopRequest

@@ -1,21 +1,26 @@
-"""`labctl inflate`: from a pattern's name to a measured shape and back to SAFE."""
+"""`labctl inflate`: one run of the protocol "inflate", from a pattern's name to a measured shape and back to SAFE."""
 
+from collections.abc import Sequence
+from contextlib import nullcontext
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
-from labctl.cli.output import ProgressLine, banner, emit_json, number, table
-from labctl.cli.rigs import chosen_rig, design_option, json_option, reporting, rig_option
+from labctl.cli.options import design_option, json_option, ledger_option, rig_option
+from labctl.cli.output import banner, emit_json, number, table
+from labctl.errors import BadInput, LabError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from labctl.config.rig import RigConfig
-    from labctl.mocap.transfer import TransferError
-    from protocols.inflate import Inflation
+    from labctl.cli.run.options import SessionOptions
+    from labctl.cli.run.session import FinishedRun
+    from labctl.measurement.result import LevelResult
+    from labctl.session.prepare import PreparedRun
 
 
 @click.command()
@@ -23,92 +28,99 @@ if TYPE_CHECKING:
 @click.option(
     "--pressure", "pressure_text", default="3.9 psi", show_default=True, help="Gauge pressure to hold."
 )
+@click.option("--keep", is_flag=True, help="Keep the recording, as a run in the ledger.")
 @design_option
 @rig_option
+@ledger_option
 @json_option
-def inflate(pattern: str, pressure_text: str, design_name: str, rig_path: Path | None, as_json: bool) -> None:
+@click.pass_context
+def inflate(
+    ctx: click.Context,
+    pattern: str,
+    pressure_text: str,
+    keep: bool,
+    design_name: str,
+    rig_path: Path | None,
+    ledger_folder: Path,
+    as_json: bool,
+) -> None:
     """Stiffen a pattern's fibers, inflate the sheet, hold, measure it, compare with its simulation, and vent.
 
-    Ctrl-C at any moment ends in SAFE. Exit code 0 means that SAFE was read back.
+    Ctrl-C at any moment ends in SAFE. Exit code 0 means that the measurement is good and SAFE was read back.
     """
-    from labctl.cli.interrupts import stop_on_signals
-    from labctl.cli.outcome import Outcome
-    from labctl.config.load import check_fit, load_design
+    from labctl.cli.rigs import rig_to_be
+    from labctl.cli.run.options import SessionOptions
     from labctl.config.quantity import pressure_psi
-    from labctl.mocap.transfer import transfer_error
-    from labctl.rig import Rig
-    from labctl.simulation.patterns import simulate_pattern
-    from protocols.inflate import InflateOrder
-    from protocols.inflate import inflate as run_inflate
-    from sim.warm import compile_kernels
+    from labctl.session.prepare import prepare
+    from labctl.session.request import RunOptions, plan
+    from protocols.inflate import INFLATE
 
-    with stop_on_signals() as stop, ProgressLine(quiet=as_json) as line:
-        wanted_psi = pressure_psi(pressure_text)
-        design = load_design(design_name)
-        channels = design.channels(pattern)
-        compile_kernels(line.note)
-        with chosen_rig(rig_path, design_name, stop) as config:
-            check_fit(design, config)
-            config.limits.check_pressure(wanted_psi, config.source)
-            points_mm = config.markers.points_mm()
-            line.show("simulating the pattern")
-            simulated = simulate_pattern(design, pattern, design.sheet.strain_at(wanted_psi))
-            simulated_mm = simulated.points_mm(points_mm)[:, 2]
-            line.show("opening the rig")
-            with reporting(
-                Rig(config, stop=stop, notify=line.note, platform=Outcome.current().platform)
-            ) as rig:
-                result = run_inflate(
-                    rig,
-                    InflateOrder(channels, wanted_psi),
-                    lambda progress: line.show(
-                        progress.step,
-                        "" if progress.pressure_psi is None else f"{progress.pressure_psi:.2f} psi",
-                    ),
-                )
-            error = transfer_error(result.heights_mm, simulated_mm)
+    if not keep and ctx.get_parameter_source("ledger_folder") is ParameterSource.COMMANDLINE:
+        raise BadInput("--ledger is where --keep puts the run: give both, or neither")
+    asked = RunOptions((pattern,), (pressure_psi(pressure_text),), attempts=1)
+    prepared = prepare(INFLATE, asked, design_name)
+    plan(prepared.protocol, prepared.request, prepared.design, rig_to_be(rig_path, prepared.design))
+
+    options = SessionOptions(rig_path, as_json)
+    finished = _measure(prepared, design_name, ledger_folder if keep else None, options)
     if as_json:
-        emit_json(_for_machines(config, pattern, result, simulated_mm, error))
-    else:
-        _for_people(config, f"design {design.name}, pattern {pattern}", result, simulated_mm, error)
+        emit_json(_for_machines(finished, kept=keep))
+        return
+    _for_people(finished)
+    if keep:
+        click.echo(f"look at it: labctl show {finished.run.number}, labctl report {finished.run.number}")
 
 
-def _for_machines(
-    config: "RigConfig",
-    pattern: str,
-    result: "Inflation",
-    simulated_mm: "NDArray[np.float64]",
-    error: "TransferError",
-) -> dict[str, Any]:
+def _measure(
+    prepared: "PreparedRun", design_name: str, kept_in: Path | None, options: "SessionOptions"
+) -> "FinishedRun":
+    """The finished run, in the ledger `kept_in` or, where that is None, in one that is gone by now."""
+    # The instruments' side takes a second to import: what is asked for wrongly is answered before.
+    from labctl.cli.run.session import measure, open_session
+    from labctl.cli.temporary_ledger import temporary_ledger
+    from labctl.session.engine import RunFailed
+
+    ledger = temporary_ledger() if kept_in is None else nullcontext(kept_in)
+    try:
+        with open_session(ledger, options) as session:
+            return measure(prepared, design_name, options, session, quiet=True)
+    except RunFailed as failed:
+        if kept_in is not None:
+            raise
+        # Nobody can go on with a run that is gone.
+        raise LabError(failed.reason) from failed.__cause__
+
+
+def _for_machines(finished: "FinishedRun", *, kept: bool) -> dict[str, Any]:
+    level = _level(finished)
     return {
-        "simulated": config.simulated,
-        "pattern": pattern,
-        "pressure_psi": round(result.hold.mean_psi, 4),
-        "heights_mm": result.heights_mm.round(3),
-        "transfer_error_percent": round(error.percent, 3),
-        "safe": result.safe.safe,
-        "simulated_heights_mm": simulated_mm.round(3),
-        "points": error.points,
-        "occluded_samples": result.inflated.occluded,
-        "frames": result.inflated.frames,
-        "pressure_range_psi": result.hold.extremes_psi,
-        "channels_on": sorted(result.channels_on),
+        "simulated": finished.run.simulated,
+        "pattern": finished.planned[0].pattern,
+        "pressure_psi": _rounded(level.mean_psi, 4),
+        "heights_mm": _heights_mm(level.heights_mm).round(3),
+        "transfer_error_percent": _rounded(level.e_t_percent, 3),
+        "safe": finished.safe is not None and finished.safe.safe,
+        "simulated_heights_mm": _simulated_mm(finished).round(3),
+        "points": level.points_compared,
+        "occluded_samples": [level.frames - seen for seen in level.seen],
+        "frames": level.frames,
+        "pressure_range_psi": (level.lowest_psi, level.highest_psi),
+        "channels_on": _channels_on(finished),
+        **({"run": finished.run.number} if kept else {}),
     }
 
 
-def _for_people(
-    config: "RigConfig",
-    what: str,
-    result: "Inflation",
-    simulated_mm: "NDArray[np.float64]",
-    error: "TransferError",
-) -> None:
+def _for_people(finished: "FinishedRun") -> None:
+    level, config = _level(finished), finished.config
+    what = f"design {finished.run.design_name}, pattern {finished.planned[0].pattern}"
     banner(config.simulated)
-    lowest_psi, highest_psi = result.hold.extremes_psi
-    click.echo(f"{config.name}: {what}, channels {', '.join(map(str, sorted(result.channels_on)))} on")
-    click.echo(f"held {result.hold.mean_psi:.2f} psi ({lowest_psi:.2f} to {highest_psi:.2f}) while measuring")
+    click.echo(f"{config.name}: {what}, channels {', '.join(map(str, _channels_on(finished)))} on")
+    if level.mean_psi is not None:
+        click.echo(
+            f"held {level.mean_psi:.2f} psi ({level.lowest_psi:.2f} to {level.highest_psi:.2f}) while measuring"
+        )
     click.echo("")
-    window = result.inflated
+    heights_mm, simulated_mm = _heights_mm(level.heights_mm), _simulated_mm(finished)
     table(
         ("marker", "x mm", "y mm", "measured mm", "simulated mm", "seen", "occluded"),
         [
@@ -116,18 +128,50 @@ def _for_people(
                 str(point.id),
                 f"{point.x_mm:g}",
                 f"{point.y_mm:g}",
-                number(result.heights_mm[row]),
+                number(heights_mm[row]),
                 number(simulated_mm[row]),
-                str(window.seen[row]),
-                str(window.occluded[row]),
+                str(level.seen[row]),
+                str(level.frames - level.seen[row]),
             )
             for row, point in enumerate(config.markers.points)
         ],
     )
     click.echo("")
-    heights = zip(config.markers.points, result.heights_mm, strict=True)
+    heights = zip(config.markers.points, heights_mm, strict=True)
     unmeasured = [str(point.id) for point, height_mm in heights if isnan(height_mm)]
     if unmeasured:
         click.echo(f"not measured, too rarely seen: markers {', '.join(unmeasured)}")
-    click.echo(f"transfer error e_t {error.percent:.1f} % over {error.points} points")
-    click.echo(result.safe.describe())
+    if level.e_t_percent is not None:
+        click.echo(f"transfer error e_t {level.e_t_percent:.1f} % over {level.points_compared} points")
+    if finished.safe is not None:
+        click.echo(finished.safe.describe())
+
+
+def _level(finished: "FinishedRun") -> "LevelResult":
+    """The only level of the only good trial."""
+    (level,) = finished.trials[-1].levels
+    return level
+
+
+def _simulated_mm(finished: "FinishedRun") -> "NDArray[np.float64]":
+    (level,) = finished.run.simulated_heights
+    return _heights_mm(level.heights_mm)
+
+
+def _heights_mm(heights_mm: "Sequence[float | None]") -> "NDArray[np.float64]":
+    """NaN where there is none."""
+    import numpy as np
+
+    return np.array(heights_mm, dtype=np.float64)
+
+
+def _channels_on(finished: "FinishedRun") -> list[int]:
+    """The channels that read back on: the step that jams has seen to it that no other was."""
+    dump = finished.config.valves.dump_channel
+    steps = finished.planned[0].checklist.steps
+    on = frozenset().union(*(step.channels for step in steps), () if dump is None else {dump})
+    return sorted(on)
+
+
+def _rounded(value: float | None, decimals: int) -> float | None:
+    return None if value is None else round(value, decimals)

@@ -7,18 +7,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
-from labctl.stop import StopRequest
+from labctl.stop import OperatorStop
 
 
 @contextmanager
-def stop_on_signals(doing: str | None = "taking the rig to SAFE") -> Iterator[StopRequest]:
+def stop_on_signals(doing: str | None = "taking the rig to SAFE") -> Iterator[OperatorStop]:
     """While inside, signals only set the request: nothing in progress is torn apart.
 
     The request is looked at between any two steps, so a stop takes effect within one exchange with an
     instrument; more signals change nothing, because the way to SAFE is already the shortest. `doing` is what is
     printed on the first one, None where nobody reads it.
     """
-    stop = StopRequest()
+    stop = OperatorStop()
 
     def handle(number: int, _frame: FrameType | None) -> None:
         name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name

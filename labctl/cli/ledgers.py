@@ -1,27 +1,10 @@
-"""Which ledger a command works on, and how it reports to a person."""
+"""A command and its ledger: what must stay out of its folder, how it speaks to a person."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import click
 
-from labctl.cli.non_empty_path import NonEmptyPath
 from labctl.errors import BadInput
-
-
-def ledger_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The --ledger option: `ledger_folder`."""
-    return click.option(
-        "--ledger",
-        "ledger_folder",
-        type=NonEmptyPath(),
-        default=Path("ledger"),
-        show_default=True,
-        envvar="LABCTL_LEDGER",
-        show_envvar=True,
-        help="The ledger's folder.",
-    )(command)
 
 
 def keep_out_of_ledger(path: Path, ledger_folder: Path) -> None:

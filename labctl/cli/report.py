@@ -4,10 +4,10 @@ from pathlib import Path
 
 import click
 
-from labctl.cli.ledgers import keep_out_of_ledger, ledger_option, print_note
+from labctl.cli.ledgers import keep_out_of_ledger, print_note
 from labctl.cli.non_empty_path import NonEmptyPath
+from labctl.cli.options import json_option, ledger_option
 from labctl.cli.output import emit_json
-from labctl.cli.rigs import json_option
 
 
 @click.command()

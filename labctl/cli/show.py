@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from labctl.cli.group_differences import print_placements, print_run_comparison
-from labctl.cli.ledgers import ledger_option, print_note
+from labctl.cli.ledgers import print_note
+from labctl.cli.options import json_option, ledger_option
 from labctl.cli.output import emit_json, table
-from labctl.cli.rigs import json_option
 from labctl.plain_json import to_json
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 from click.core import ParameterSource
 
+from labctl.cli.options import design_option, json_option
 from labctl.cli.output import emit_json, table
-from labctl.cli.rigs import design_option, json_option
 
 if TYPE_CHECKING:
     from labctl.config.design import Design

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import click
 
+from labctl.cli.options import json_option, rig_option
 from labctl.cli.output import banner, emit_json
-from labctl.cli.rigs import chosen_rig, json_option, rig_option
+from labctl.cli.rigs import chosen_rig
 
 
 @click.command()

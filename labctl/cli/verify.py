@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.ledgers import ledger_option, print_note
+from labctl.cli.ledgers import print_note
+from labctl.cli.options import json_option, ledger_option
 from labctl.cli.output import banner, emit_json
-from labctl.cli.rigs import json_option
 
 if TYPE_CHECKING:
     from labctl.ledger.records import RunRecord

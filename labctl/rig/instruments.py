@@ -24,6 +24,10 @@ class Identities:
     valves: Identity
     markers: Identity
 
+    def by_instrument(self) -> dict[str, Identity]:
+        """Each by the name of its section in rig.toml."""
+        return {"regulator": self.regulator, "valves": self.valves, "markers": self.markers}
+
 
 class RigInstruments:
     """Regulator, valve bank and marker stream of one rig, each of which has answered for itself.

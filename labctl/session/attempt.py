@@ -88,7 +88,7 @@ def _perform(trial: Trial, at: Workplace, recorder: RawRecorder, windows: list[W
 
     def begin(step: Step) -> None:
         nonlocal present
-        present = f"trial {trial.number}: {step.words}"
+        present = f"trial {trial.number}: {step.description}"
         at.show(present, "")
 
     bench = Bench(at.rig, windows.append, lambda detail: at.show(present, detail))
@@ -146,7 +146,7 @@ def _judge(
         # It was complete, but the person wanted it ended: not for us to call it good.
         return "aborted", "stopped while the trial was being put away"
     if error is not None:
-        where = f"{performed.step.words}: " if error is performed.error else ""
+        where = f"{performed.step.description}: " if error is performed.error else ""
         words = str(error) if isinstance(error, LabError) else repr(error)
         stopped = isinstance(error, Stopped) or not isinstance(error, Exception)
         return ("aborted" if stopped else "failed"), f"{where}{words}"

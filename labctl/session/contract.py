@@ -28,12 +28,12 @@ class Bench:
 class Step:
     """One line of a checklist.
 
-    `words` as the laboratory says it; `lasts_s` usually, `deadline_s` at most, on the rig's clock: a step that waits
-    by the rig's verbs is ended then. `pressure_psi` is the gauge pressure that it takes the sheet to and `channels`
-    the valves that it opens, for the check of the limits before anything moves.
+    `description` as the laboratory says it; `lasts_s` usually, `deadline_s` at most, on the rig's clock: a step that
+    waits by the rig's verbs is ended then. `pressure_psi` is the gauge pressure that it takes the sheet to and
+    `channels` the valves that it opens, for the check of the limits before anything moves.
     """
 
-    words: str
+    description: str
     lasts_s: float
     deadline_s: float
     do: Callable[[Bench], None]
@@ -69,10 +69,11 @@ class Trial:
 
 @dataclass(frozen=True)
 class AllowedCounts:
-    """How many patterns and pressures a protocol takes, at least and at most."""
+    """How many patterns and pressures a protocol takes and how many trials of each kind, at least and at most."""
 
     patterns: tuple[int, int] = (1, 1)
     pressures: tuple[int, int] = (1, 1)
+    trials: tuple[int, int] = (1, 1000)
 
 
 @dataclass(frozen=True)

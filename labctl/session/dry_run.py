@@ -27,7 +27,7 @@ def group_repeated(trials: Sequence[Trial]) -> tuple[RepeatedTrials, ...]:
     """The plan, trials that are alike together, in the order in which each kind comes first."""
     kinds: dict[tuple[object, ...], list[Trial]] = {}
     for trial in trials:
-        words = tuple(step.words for step in trial.checklist.steps)
+        words = tuple(step.description for step in trial.checklist.steps)
         kinds.setdefault((trial.placement, trial.pattern, trial.pressures_psi, words), []).append(trial)
     return tuple(
         RepeatedTrials(

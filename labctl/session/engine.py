@@ -22,7 +22,11 @@ _PAUSE_LOOK_S = 0.2
 
 
 class RunFailed(LabError):
-    """A trial was not good in any of its attempts."""
+    """A trial was not good in any of its attempts; `reason` is why the last was not."""
+
+    def __init__(self, message: str, reason: str) -> None:
+        super().__init__(message)
+        self.reason = reason
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,7 @@ def _note_the_end(ledger: LedgerWriter, run: RunRecord, kind: str, reason: str, 
 
 
 def _run_trials(trials: Sequence[Trial], attempts: int, at: Workplace, listener: Listener) -> None:
+    at.show("taking the rig to SAFE", "")
     report = at.rig.make_safe()
     if not report.safe:
         raise Unsafe(f"{at.rig.config.name}: {report.describe()}")
@@ -115,8 +120,9 @@ def _until_good(trial: Trial, tried: int, attempts: int, at: Workplace, listener
             return
     raise RunFailed(
         f"trial {trial.number} was not good in {attempts} attempts (the last: {made.record.reason}); mend that, then "
-        f"go on with labctl run --continue {at.run.number}"
-    )
+        f"go on with labctl run --continue {at.run.number}",
+        made.record.reason,
+    ) from made.error
 
 
 def _require_that_it_may_go_on(made: Attempt, at: Workplace) -> None:

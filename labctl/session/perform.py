@@ -50,6 +50,6 @@ def perform(
 def _do(step: Step, bench: Bench, stop: RunStop, begin: Callable[[Step], None], *, teardown: bool) -> None:
     if not teardown:
         stop.check()
-    with stop.during(step.words, step.deadline_s, bench.rig.clock, teardown=teardown):
+    with stop.during(step.description, step.deadline_s, bench.rig.clock, teardown=teardown):
         begin(step)
         step.do(bench)

@@ -60,6 +60,13 @@ def complete(protocol: Protocol, asked: RunOptions, design: Design) -> RunReques
             "several trials"
         )
     trials = protocol.trials if asked.trials is None else asked.trials
+    fewest, most = protocol.allowed.trials
+    if not fewest <= trials <= most:
+        wanted = f"{fewest}" if fewest == most else f"{fewest} to {most}"
+        raise BadInput(
+            f"{protocol.name} does {wanted} trial{'s' if most > 1 else ''} of each kind, and --trials is {trials}; "
+            "five-trial repeats a measurement"
+        )
     return RunRequest(
         protocol=protocol.name,
         patterns=asked.patterns,
@@ -99,7 +106,7 @@ def plan(protocol: Protocol, request: RunRequest, design: Design, rig: RigConfig
             beyond = sorted(channel for channel in step.channels if channel > rig.valves.channels)
             if beyond:
                 raise BadInput(
-                    f"step '{step.words}' opens channel {beyond[0]}, and {rig.source} has valves.channels = "
+                    f"step '{step.description}' opens channel {beyond[0]}, and {rig.source} has valves.channels = "
                     f"{rig.valves.channels}"
                 )
     return trials

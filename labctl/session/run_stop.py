@@ -13,15 +13,14 @@ class StepTooLong(InstrumentError):
     """A step of a checklist did not end by its deadline."""
 
 
-class RunStop(StopRequest):
-    """The rig's stop during a run: the verbs of the rig look at it between any two exchanges.
+class RunStop:
+    """The `StopRequest` of a run: the verbs of the rig look at it between any two exchanges.
 
     Args:
         operator: Ctrl-C and its like.
     """
 
     def __init__(self, operator: StopRequest) -> None:
-        super().__init__()
         self._operator = operator
         self._inbox: Inbox | None = None
         self._deadline: tuple[Clock, float, str] | None = None
@@ -37,7 +36,7 @@ class RunStop(StopRequest):
         return self._inbox is not None and self._inbox.pause_asked()
 
     def set(self, cause: str) -> None:
-        """Ask for a stop; the first cause is the one that is told."""
+        """Ask for a stop; the first cause is the one that is reported."""
         self._operator.set(cause)
 
     @property

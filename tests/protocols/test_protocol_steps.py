@@ -12,13 +12,16 @@ from labctl.doubles.settings import DoublesSettings
 from labctl.errors import InstrumentError, Unsafe
 from labctl.instruments.readings import MarkerFrames
 from labctl.measurement.windows import Window
+from labctl.mocap.frames import concatenate
 from labctl.session.contract import Bench
 from protocols.steps import (
     capture_baseline,
     capture_level,
+    hold_pressure,
     hold_until_settled,
     vent_and_unjam,
     wait_until_relaxed,
+    wait_until_uninflated,
     watch_the_sheet_relax,
 )
 
@@ -82,6 +85,15 @@ def still_from(end_s):
     return lambda time_s: max(0.0, end_s - time_s)
 
 
+def test_an_uninflated_sheet_and_a_held_pressure_are_not_looked_at_for_stillness():
+    rig = RigInHand(still_from(1e9))
+
+    do(wait_until_uninflated(CONFIG), rig)
+    do(hold_pressure(1.5, CONFIG), rig)
+
+    assert rig.done == ["fall below 0.1", "settle at 1.5"]
+
+
 def test_a_sheet_has_relaxed_when_there_is_no_pressure_and_it_has_stood_still_for_so_long():
     rig = RigInHand(still_from(110.0))
 
@@ -125,6 +137,25 @@ def test_a_sheet_that_is_not_seen_is_not_waited_for():
         do(hold_until_settled(1.5, CONFIG), rig)
 
     assert rig.time_s <= 100 + STILL.still_over_s + 2
+
+
+@pytest.mark.parametrize(("min_share", "is_seen"), [(0.4, True), (0.5, False)])
+def test_a_look_sees_a_marker_by_the_share_of_frames_that_the_rig_asks_for(min_share, is_seen):
+    rig = RigInHand()
+    rig.config = replace(CONFIG, measurement=replace(STILL, min_share=min_share))
+    capture, gone = rig.capture, RigInHand(seen=0)
+
+    def mostly_hidden(seconds):
+        frames, hold = capture(seconds)
+        hidden, _ = gone.capture(seconds)
+        return concatenate([frames, frames, hidden, hidden, hidden]), hold
+
+    rig.capture = mostly_hidden
+    if is_seen:
+        do(hold_until_settled(1.5, CONFIG), rig)
+        return
+    with pytest.raises(InstrumentError, match="0 of 16 markers were seen at most"):
+        do(hold_until_settled(1.5, CONFIG), rig)
 
 
 def test_a_window_is_the_time_of_its_capture():

@@ -6,11 +6,11 @@ import pytest
 from labctl.instruments.readings import MarkerFrames
 from labctl.mocap.frames import concatenate, select_frames
 from labctl.rig import Rig
-from labctl.stop import StopRequest
+from labctl.stop import OperatorStop
 
 
 def open_rig(virtual):
-    return Rig(virtual.config, stop=StopRequest(), notify=lambda _: None, platform=virtual.platform)
+    return Rig(virtual.config, stop=OperatorStop(), notify=lambda _: None, platform=virtual.platform)
 
 
 class Notes:

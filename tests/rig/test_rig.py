@@ -5,11 +5,11 @@ import pytest
 from labctl.doubles.faults import Faults, parse_faults
 from labctl.errors import InstrumentError, RigUnavailable, Stopped, Tripped, Unsafe
 from labctl.rig import Rig
-from labctl.stop import StopRequest
+from labctl.stop import OperatorStop
 
 
 def open_rig(virtual, stop=None, notify=lambda _: None):
-    return Rig(virtual.config, stop=stop or StopRequest(), notify=notify, platform=virtual.platform)
+    return Rig(virtual.config, stop=stop or OperatorStop(), notify=notify, platform=virtual.platform)
 
 
 def pressurise(rig, pressure_psi=2.0):
@@ -53,7 +53,7 @@ def test_leaving_the_block_in_any_way_ends_in_safe(rig_with, error):
 
 def test_a_stop_is_seen_by_the_next_verb(rig_with):
     virtual = rig_with()
-    stop = StopRequest()
+    stop = OperatorStop()
     with pytest.raises(Stopped, match="Ctrl-C"), open_rig(virtual, stop) as rig:
         pressurise(rig)
         stop.set("Ctrl-C")

@@ -12,10 +12,12 @@ from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session.engine import Listener, conduct
 from labctl.session.inbox import Inbox
-from labctl.session.preparation import PreparedRun, begin, go_on
+from labctl.session.prepare import PreparedRun
+from labctl.session.record import begin_run
 from labctl.session.request import RunOptions, complete, plan
+from labctl.session.resume import go_on
 from labctl.session.run_stop import RunStop
-from labctl.stop import StopRequest
+from labctl.stop import OperatorStop
 from protocols.five_trial import FIVE_TRIAL
 
 MEASUREMENT = """
@@ -43,7 +45,7 @@ class Laboratory:
             ),
         )
         self.config = self.rig.config
-        self.operator = StopRequest()
+        self.operator = OperatorStop()
         self.design = DESIGN
         self.told = []
         self.notes = []
@@ -68,7 +70,7 @@ class Laboratory:
             def register(rig):
                 if run is not None:
                     return go_on(ledger, run, rig, "a test", "")
-                return begin(ledger, prepared, len(trials), heights, rig, "a test", "")
+                return begin_run(ledger, prepared, len(trials), heights, rig, "a test", "")
 
             rig = Rig(self.config, stop=stop, notify=self.notes.append, platform=self.rig.platform)
             return conduct(rig, register, trials, prepared.request.attempts, ledger, stop, listener)

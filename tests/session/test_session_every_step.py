@@ -26,7 +26,7 @@ def step_words():
     text = rig_toml(DoublesSettings(design=design), "/dev/null", "/dev/zero", "127.0.0.1", 0)
     request = complete(FIVE_TRIAL, RunOptions(("sphere",)), design)
     checklist = plan(FIVE_TRIAL, request, design, rig_from_text(text, "rig.toml"))[0].checklist
-    return [" ".join(step.words.split()[:2]) for step in checklist.steps]
+    return [" ".join(step.description.split()[:2]) for step in checklist.steps]
 
 
 STEPS = step_words()

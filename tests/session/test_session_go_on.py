@@ -12,8 +12,8 @@ from labctl.ledger.writer import LedgerWriter
 from labctl.session import attempt as attempts
 from labctl.session.engine import last_attempt
 from labctl.session.events import unrecorded_attempts, write_event
-from labctl.session.preparation import require_same_plan
 from labctl.session.request import plan
+from labctl.session.resume import require_same_plan
 
 
 def failed(run, number, attempt):

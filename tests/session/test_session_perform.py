@@ -9,7 +9,7 @@ from labctl.session.contract import Bench, Checklist, Step
 from labctl.session.inbox import Inbox, ask
 from labctl.session.perform import perform
 from labctl.session.run_stop import RunStop, StepTooLong
-from labctl.stop import StopRequest
+from labctl.stop import OperatorStop
 
 
 class HandClock:
@@ -27,7 +27,7 @@ class HandClock:
 def lab():
     """A bench without a rig: only its clock is real, and it is moved by hand."""
     clock = HandClock()
-    operator = StopRequest()
+    operator = OperatorStop()
     stop = RunStop(operator)
     return SimpleNamespace(
         clock=clock,
@@ -71,7 +71,7 @@ def test_after_an_error_only_the_teardown_is_done_and_all_of_it(lab, error):
 
     assert lab.done == ["relax", "baseline", "vent", "unjam"]
     assert performed.error is error
-    assert performed.step.words == "baseline"
+    assert performed.step.description == "baseline"
 
 
 @pytest.mark.parametrize("error", [RuntimeError("x"), KeyboardInterrupt()])
@@ -84,7 +84,7 @@ def test_a_teardown_step_that_fails_keeps_no_other_from_being_done(lab, error):
 
 def test_a_stop_is_seen_before_the_next_step_and_not_by_the_teardown(lab):
     def begin(step):
-        if step.words == "jam":
+        if step.description == "jam":
             lab.operator.set("Ctrl-C")
 
     performed = perform(checklist(lab), lab.bench, lab.stop, begin)

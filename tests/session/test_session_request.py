@@ -14,6 +14,7 @@ from labctl.plain_json import from_json, to_json
 from labctl.session.catalogue import find_protocol, protocol_names
 from labctl.session.dry_run import group_repeated
 from labctl.session.request import RunOptions, complete, plan
+from protocols.inflate import INFLATE
 
 DESIGN = load_design("known")
 
@@ -31,13 +32,14 @@ def planned(name, asked, **changes):
     return plan(protocol, complete(protocol, asked, DESIGN), DESIGN, rig(**changes))
 
 
-def test_the_five_protocols_are_found_by_entry_point():
+def test_the_protocols_are_found_by_entry_point():
     assert set(protocol_names()) >= {
         "five-trial",
         "pressure-sweep",
         "relaxation",
         "layering",
         "calibration",
+        "inflate",
     }
 
 
@@ -50,7 +52,7 @@ def test_five_trials_read_like_the_laboratorys_checklist():
     trials = planned("five-trial", RunOptions(("sphere",)))
 
     assert [trial.number for trial in trials] == [1, 2, 3, 4, 5]
-    assert [step.words.split(" (")[0] for step in trials[0].checklist.steps] == [
+    assert [step.description.split(" (")[0] for step in trials[0].checklist.steps] == [
         "wait until the sheet has relaxed",
         "capture the uninflated sheet",
         "jam sphere",
@@ -60,6 +62,27 @@ def test_five_trials_read_like_the_laboratorys_checklist():
         "vent, unjam, and read SAFE back",
     ]
     assert all(step.deadline_s > step.lasts_s > 0 for step in trials[0].checklist.steps)
+
+
+def test_inflate_is_one_trial_that_waits_for_no_stillness():
+    (trial,) = plan(INFLATE, complete(INFLATE, RunOptions(("sphere",)), DESIGN), DESIGN, rig())
+
+    assert trial.pressures_psi == (3.9,)
+    assert [step.description.split(" (")[0] for step in trial.checklist.steps] == [
+        "wait until less than 0.1 psi are left",
+        "capture the uninflated sheet",
+        "jam sphere",
+        "ramp to 3.90 psi at 1 psi/s",
+        "hold 3.90 +- 0.1 psi until the pressure has settled",
+        "capture the sheet at 3.90 psi",
+        "vent, unjam, and read SAFE back",
+    ]
+    assert all(step.deadline_s > step.lasts_s > 0 for step in trial.checklist.steps)
+
+
+def test_inflate_is_not_repeated():
+    with pytest.raises(BadInput, match="inflate does 1 trial of each kind, and --trials is 2"):
+        complete(INFLATE, RunOptions(("sphere",), trials=2), DESIGN)
 
 
 def test_a_sweep_goes_through_all_pressures_before_it_repeats_one():
@@ -72,15 +95,18 @@ def test_a_calibration_is_a_staircase_within_one_inflation():
     (trial,) = planned("calibration", RunOptions(("cylinder",), pressures_psi=(3.0, 2.0), trials=1))
 
     assert trial.pressures_psi == (2.0, 3.0)
-    ramps = [step.words for step in trial.checklist.steps if step.words.startswith("ramp")]
+    ramps = [step.description for step in trial.checklist.steps if step.description.startswith("ramp")]
     assert ramps == ["ramp to 2.00 psi at 1 psi/s", "ramp to 3.00 psi at 1 psi/s"]
-    assert [step.lasts_s for step in trial.checklist.steps if step.words.startswith("ramp")] == [2.0, 1.0]
+    assert [step.lasts_s for step in trial.checklist.steps if step.description.startswith("ramp")] == [
+        2.0,
+        1.0,
+    ]
 
 
 def test_relaxation_vents_before_it_watches_and_vents_again_in_its_teardown():
     (trial,) = planned("relaxation", RunOptions(("sphere",), trials=1, watch_s=30.0))
 
-    words = [step.words for step in trial.checklist.steps]
+    words = [step.description for step in trial.checklist.steps]
     assert words[-3:] == [
         "vent, unjam, and read SAFE back",
         "record the sheet for 30 s after venting",

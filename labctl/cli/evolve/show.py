@@ -9,8 +9,8 @@ import click
 
 from labctl.cli.interrupts import stop_on_signals
 from labctl.cli.non_empty_path import NonEmptyPath
+from labctl.cli.options import json_option
 from labctl.cli.output import emit_json, table
-from labctl.cli.rigs import json_option
 from labctl.errors import BadInput, LabError, Stopped
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from labctl.cli.ledgers import ledger_option
-from labctl.cli.rigs import design_option, json_option, rig_option
+from labctl.cli.options import design_option, json_option, ledger_option, rig_option
 from labctl.errors import BadInput
 
 if TYPE_CHECKING:
@@ -31,15 +30,13 @@ if TYPE_CHECKING:
     type=click.IntRange(1, 20),
     default=3,
     show_default=True,
-    help="SessionOptions often a trial that is not good is tried.",
+    help="How often a trial that is not good is tried.",
 )
+@click.option("--placement", help="How the fibers lie, for the tables.  [default: neat or combined]")
+@click.option("--watch", "watch_text", help="How long to watch the sheet after venting (relaxation).")
 @click.option(
-    "--placement", help="SessionOptions the fibers lie, for the tables.  [default: neat or combined]"
+    "--operator", help="Who measures.  [default: LABCTL_OPERATOR of the environment, else the user's name]"
 )
-@click.option(
-    "--watch", "watch_text", help="SessionOptions long to watch the sheet after venting (relaxation)."
-)
-@click.option("--operator", envvar="LABCTL_OPERATOR", help="Who measures.  [default: the user's name]")
 @click.option("--note", default="", help="Anything worth knowing in six months.")
 @click.option(
     "--dry-run", is_flag=True, help="Print the steps with their times, check every limit, touch nothing."
@@ -50,7 +47,7 @@ if TYPE_CHECKING:
 @click.option(
     "--speed",
     type=click.FloatRange(0.1, 100),
-    help="SessionOptions fast the time of the command's own doubles runs.  [default: 1]",
+    help="How fast the time of the command's own doubles runs.  [default: 1]",
 )
 @design_option
 @rig_option
@@ -76,15 +73,16 @@ def run(
     ledger_folder: Path,
     as_json: bool,
 ) -> None:
-    """Run a protocol: five-trial, pressure-sweep, relaxation, layering, calibration, or your own.
+    """Run a protocol: five-trial, pressure-sweep, relaxation, layering, calibration, inflate, or your own.
 
     Each trial is in the ledger before it is told. Ctrl-C at any moment ends in SAFE; --continue RUN goes on at
     the next trial. Exit code 0 means that every trial is good and SAFE was read back.
     """
     from labctl.cli.run.options import SessionOptions
-    from labctl.session.preparation import prepare
+    from labctl.session.catalogue import find_protocol
+    from labctl.session.prepare import prepare
 
-    how = SessionOptions(rig_path, ledger_folder, speed, operator, note, as_json)
+    options = SessionOptions(rig_path, as_json, 1.0 if speed is None else speed, operator, note)
     # No range refuses what is no number.
     if speed is not None and math.isnan(speed):
         raise BadInput("--speed nan is no number; write for example --speed 20")
@@ -92,23 +90,23 @@ def run(
         raise BadInput("--speed is for the command's own doubles; a rig.toml says its own speed")
     if continued is not None:
         _refuse_beside_continue(ctx)
-        from labctl.cli.run.session import go_on
+        from labctl.cli.run.begin import resume
 
-        go_on(continued, how)
+        resume(continued, ledger_folder, options)
         return
     if protocol is None:
         raise BadInput(f"which protocol? {_protocols()}")
     asked = _asked(patterns, pressure_texts, trials, attempts, placement, watch_text)
-    prepared = prepare(protocol, asked, design_name)
+    prepared = prepare(find_protocol(protocol), asked, design_name)
     if dry_run:
         from labctl.cli.run.dry_run import tell_plan
 
         tell_plan(prepared, rig_path, as_json)
         return
     # The instruments' side takes a second to import: what is asked for wrongly is answered before.
-    from labctl.cli.run.session import begin
+    from labctl.cli.run.begin import begin
 
-    begin(prepared, design_name, how)
+    begin(prepared, design_name, ledger_folder, options)
 
 
 def _refuse_beside_continue(ctx: click.Context) -> None:

@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from labctl.cli.ledgers import ledger_option
+from labctl.cli.options import json_option, ledger_option
 from labctl.cli.output import emit_json
-from labctl.cli.rigs import json_option
 
 if TYPE_CHECKING:
     from labctl.session.inbox import Word

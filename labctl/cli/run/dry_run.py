@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from labctl.config.rig import RigConfig
     from labctl.session.contract import Step
     from labctl.session.dry_run import RepeatedTrials
-    from labctl.session.preparation import PreparedRun
+    from labctl.session.prepare import PreparedRun
 
 
 def tell_plan(prepared: "PreparedRun", rig_path: Path | None, as_json: bool) -> None:
@@ -52,10 +52,10 @@ def _tell_kind(kind: "RepeatedTrials", trials: int) -> None:
     click.echo(f"trial {numbers} of {trials}: {kind.placement} {kind.pattern} at {pressures} psi")
     if kind.sheet:
         click.echo(f"on {kind.sheet}")
-    width = max(len(step.words) for step in kind.checklist.steps)
+    width = max(len(step.description) for step in kind.checklist.steps)
     click.echo(f"{'':10}{'step':{width}}  {'usually':>8}  {'at most':>8}")
     for part, step in _steps(kind):
-        click.echo(f"{part:10}{step.words:{width}}  {step.lasts_s:6.0f} s  {step.deadline_s:6.0f} s")
+        click.echo(f"{part:10}{step.description:{width}}  {step.lasts_s:6.0f} s  {step.deadline_s:6.0f} s")
 
 
 def _steps(kind: "RepeatedTrials") -> list[tuple[str, "Step"]]:
@@ -80,7 +80,7 @@ def _for_machines(
                 "steps": [
                     {
                         "part": part,
-                        "words": step.words,
+                        "words": step.description,
                         "lasts_s": step.lasts_s,
                         "deadline_s": step.deadline_s,
                     }

@@ -1,4 +1,4 @@
-"""What a person says to `labctl run` beside what is to be measured."""
+"""What a person gave to a command that measures, beside what is to be measured."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,11 +6,10 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class SessionOptions:
-    """The rig, the ledger, the doubles' speed, who measures, a note, and who reads the output."""
+    """The rig, how fast its doubles run, who measures, a note, and whether a machine reads the output."""
 
     rig_path: Path | None
-    ledger_folder: Path
-    speed: float | None
-    operator: str | None
-    note: str
     as_json: bool
+    speed: float = 1.0
+    operator: str | None = None
+    note: str = ""

@@ -1,114 +1,128 @@
-"""A run from the command line: its ledger and its rig opened, its protocol conducted, its result told."""
+"""What `labctl run` and `labctl inflate` share: a ledger and a rig opened, a prepared run conducted on them."""
 
-import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from labctl.cli.interrupts import stop_on_signals
-from labctl.cli.ledgers import print_note
 from labctl.cli.outcome import Outcome
 from labctl.cli.output import ProgressLine
-from labctl.cli.rigs import chosen_rig, reporting, rig_to_be
+from labctl.cli.rigs import chosen_rig, reporting
 from labctl.cli.run.options import SessionOptions
-from labctl.cli.run.text import RunReporter, default_operator, tell_result
-from labctl.errors import BadInput
-from labctl.ledger.ledger import Ledger
-from labctl.ledger.records import RunRecord, SimulatedHeights
+from labctl.cli.run.text import RunReporter, default_operator
+from labctl.config.rig import RigConfig
+from labctl.ledger.records import RunRecord, SimulatedHeights, TrialRecord
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
-from labctl.session import preparation
+from labctl.safety.safe_state import SafeReport
+from labctl.session.contract import Trial
 from labctl.session.engine import conduct
 from labctl.session.inbox import Inbox
-from labctl.session.preparation import PreparedRun
+from labctl.session.prepare import PreparedRun
+from labctl.session.record import begin_run, simulated_heights
 from labctl.session.request import plan
+from labctl.session.resume import changed_instruments, go_on, require_same_plan, require_same_rig
 from labctl.session.run_stop import RunStop
+from labctl.statistics.summary import RunSummary
 from sim.warm import compile_kernels
 
 
-def begin(prepared: PreparedRun, design_name: str, how: SessionOptions) -> None:
-    """A new run; what cannot be run is refused before a ledger is made or doubles are started."""
-    plan(prepared.protocol, prepared.request, prepared.design, rig_to_be(how.rig_path, prepared.design))
-    with _opened(how) as (writer, stop, line):
-        _measure(prepared, design_name, how, writer, stop, line)
+@dataclass(frozen=True)
+class Session:
+    """The ledger with its lock held, the run's stop, and the progress line."""
+
+    writer: LedgerWriter
+    stop: RunStop
+    line: ProgressLine
 
 
-def go_on(name: str, how: SessionOptions) -> None:
-    """The run of this name, at its next trial."""
-    with Ledger.open(how.ledger_folder, print_note) as read:
-        run = preparation.prepare_again(read, name).run
-    if run is not None and not run.simulated and how.rig_path is None:
-        raise BadInput(f"run {run.number} was measured on a real rig: name it with --rig")
-    with _opened(how) as (writer, stop, line), tempfile.TemporaryDirectory() as folder:
-        # Another process may have finished it since.
-        prepared = preparation.prepare_again(writer, name)
-        # The doubles' sheet is the one of the run, whatever became of the design's file.
-        design = Path(folder) / "design.toml"
-        design.write_text(prepared.design_text, encoding="utf-8")
-        _measure(prepared, str(design), how, writer, stop, line)
+@dataclass(frozen=True)
+class FinishedRun:
+    """A run whose trials are all good, and the rig's state that was read back when it was closed."""
+
+    run: RunRecord
+    config: RigConfig
+    planned: tuple[Trial, ...]
+    trials: tuple[TrialRecord, ...]
+    summary: RunSummary
+    safe: SafeReport | None
 
 
-def _measure(
-    prepared: PreparedRun,
-    design_name: str,
-    how: SessionOptions,
-    writer: LedgerWriter,
-    stop: RunStop,
-    line: ProgressLine,
-) -> None:
+@contextmanager
+def open_session(ledger: AbstractContextManager[Path], options: SessionOptions) -> Iterator[Session]:
+    """A session in the ledger's folder; before any instrument is asked.
+
+    Signals are stops from before the folder is entered until it was left: what is temporary is removed then too.
+    """
+    with ExitStack() as opened:
+        stop = RunStop(opened.enter_context(stop_on_signals()))
+        line = opened.enter_context(ProgressLine(quiet=options.as_json))
+        writer = opened.enter_context(LedgerWriter.open(opened.enter_context(ledger), line.note))
+        # Whoever sees the lock held may leave a word, however long it takes until the rig is open.
+        stop.listen_to(Inbox(writer.folder, Outcome.current().platform.scheduler))
+        yield Session(writer, stop, line)
+
+
+def measure(
+    prepared: PreparedRun, design_name: str, options: SessionOptions, session: Session, *, quiet: bool
+) -> FinishedRun:
+    """Open the rig and conduct the run on it to its end; `quiet` leaves out the trials on standard output.
+
+    Raises:
+        LabError: what `labctl.session.engine.conduct` raises; the rig was taken to SAFE.
+    """
+    line = session.line
     compile_kernels(line.note)
-    with chosen_rig(how.rig_path, design_name, stop, how.speed or 1.0) as config:
-        trials = plan(prepared.protocol, prepared.request, prepared.design, config)
-        if prepared.run is not None:
-            preparation.require_same_rig(prepared.run, config)
-            preparation.require_same_plan(writer, prepared.run, trials)
-            heights = prepared.run.simulated_heights
-        else:
-            line.show("simulating the patterns")
-            heights = preparation.simulated_heights(prepared.design, trials, config)
-        teller = RunReporter(line, config, trials, quiet=how.as_json)
+    with chosen_rig(options.rig_path, design_name, session.stop, options.speed) as config:
+        planned = plan(prepared.protocol, prepared.request, prepared.design, config)
+        heights = _heights(prepared, planned, config, session)
+        reporter = RunReporter(line, config, planned, quiet=quiet)
 
         def register(rig: Rig) -> RunRecord:
-            record = _register(prepared, how, writer, rig, len(trials), heights, line)
-            teller.begun(record)
+            record = _register(prepared, options, session, rig, len(planned), heights)
+            reporter.begun(record)
             return record
 
         line.show("opening the rig")
-        opened = reporting(Rig(config, stop=stop, notify=line.note, platform=Outcome.current().platform))
+        opened = reporting(
+            Rig(config, stop=session.stop, notify=line.note, platform=Outcome.current().platform)
+        )
+        attempts = prepared.request.attempts
         try:
-            record, summary = conduct(
-                opened, register, trials, prepared.request.attempts, writer, stop, teller.listener()
+            run, summary = conduct(
+                opened, register, planned, attempts, session.writer, session.stop, reporter.listener()
             )
         finally:
-            teller.finish()
-    tell_result(record, summary, writer.trials(record.number), Outcome.current().report, how.as_json)
+            reporter.finish()
+    trials = session.writer.trials(run.number)
+    return FinishedRun(run, config, planned, trials, summary, Outcome.current().report)
+
+
+def _heights(
+    prepared: PreparedRun, planned: tuple[Trial, ...], config: RigConfig, session: Session
+) -> tuple[SimulatedHeights, ...]:
+    """The simulated heights: of a run that goes on those that it was begun with."""
+    if prepared.run is None:
+        session.line.show("simulating the patterns")
+        return simulated_heights(prepared.design, planned, config)
+    require_same_rig(prepared.run, config)
+    require_same_plan(session.writer, prepared.run, planned)
+    return prepared.run.simulated_heights
 
 
 def _register(
     prepared: PreparedRun,
-    how: SessionOptions,
-    writer: LedgerWriter,
+    options: SessionOptions,
+    session: Session,
     rig: Rig,
     planned: int,
     heights: tuple[SimulatedHeights, ...],
-    line: ProgressLine,
 ) -> RunRecord:
     """The run in the ledger: a new one, or that it goes on."""
-    who = how.operator or default_operator()
+    who = options.operator or default_operator()
     if prepared.run is None:
-        return preparation.begin(writer, prepared, planned, heights, rig, who, how.note)
-    for change in preparation.changed_instruments(prepared.run, rig):
-        line.note(change)
-    return preparation.go_on(writer, prepared.run, rig, who, how.note)
-
-
-@contextmanager
-def _opened(how: SessionOptions) -> Iterator[tuple[LedgerWriter, RunStop, ProgressLine]]:
-    """The ledger with its lock held, the run's stop and the progress line: before any instrument is asked."""
-    with ExitStack() as opened:
-        stop = RunStop(opened.enter_context(stop_on_signals()))
-        line = opened.enter_context(ProgressLine(quiet=how.as_json))
-        writer = opened.enter_context(LedgerWriter.open(how.ledger_folder, line.note))
-        # Whoever sees the lock held may leave a word, however long it takes until the rig is open.
-        stop.listen_to(Inbox(writer.folder, Outcome.current().platform.scheduler))
-        yield writer, stop, line
+        return begin_run(session.writer, prepared, planned, heights, rig, who, options.note)
+    for change in changed_instruments(prepared.run, rig):
+        session.line.note(change)
+    return go_on(session.writer, prepared.run, rig, who, options.note)

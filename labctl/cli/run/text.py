@@ -1,6 +1,7 @@
 """What `labctl run` says: trial by trial, the result, and beforehand the plan."""
 
 import getpass
+import os
 import select
 import sys
 import termios
@@ -96,7 +97,9 @@ def describe_trial(record: "TrialRecord", planned: int) -> str:
 
 
 def default_operator() -> str:
-    """The user's name; "" where the system has none."""
+    """LABCTL_OPERATOR of the environment, else the user's name; "" where the system has none."""
+    if named := os.environ.get("LABCTL_OPERATOR"):
+        return named
     with suppress(OSError, KeyError):
         return getpass.getuser()
     return ""

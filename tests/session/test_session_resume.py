@@ -9,7 +9,7 @@ from labctl.config.load import load_design, rig_from_text
 from labctl.doubles.rig_file import rig_toml
 from labctl.doubles.settings import DoublesSettings
 from labctl.errors import BadInput
-from labctl.session.preparation import require_same_rig
+from labctl.session.resume import require_same_rig
 
 CONFIG = rig_from_text(
     rig_toml(DoublesSettings(design=load_design("known")), "/dev/null", "/dev/zero", "127.0.0.1", 0),

@@ -1,26 +1,22 @@
-"""What is settled before a rig is opened: protocol, request, design, and the record of a run that goes on."""
+"""A run that goes on: as its record says, on a rig and by a plan that measure as those that began it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
-from labctl.config.design import Design
-from labctl.config.load import design_from_text, design_text, load_design
+from labctl.config.load import design_from_text
 from labctl.config.rig import RigConfig
 from labctl.errors import BadInput
 from labctl.instruments.readings import Identity
 from labctl.ledger.ledger import Ledger
-from labctl.ledger.moment import now
-from labctl.ledger.records import RunRecord, RunRequest, SimulatedHeights
+from labctl.ledger.records import RunRecord
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.session.catalogue import find_protocol, package_of
-from labctl.session.contract import Protocol, Trial
+from labctl.session.contract import Trial
 from labctl.session.events import unrecorded_attempts, write_event
+from labctl.session.prepare import PreparedRun
 from labctl.session.provenance import commit, versions
-from labctl.session.request import RunOptions, complete
 
 # What may differ between the rig that began a run and the one that goes on with it: how it is reached, how fast a
 # simulated one runs.
@@ -28,28 +24,6 @@ _MAY_DIFFER = frozenset(
     {"source", "speed", "port", "baudrate", "host", "tcp_port", "server_number", "timeout_s"}
 )
 _MOST_NAMED = 6
-
-
-@dataclass(frozen=True)
-class PreparedRun:
-    """A request with its protocol and design; `run` is the record of a run that goes on, None for a new one."""
-
-    protocol: Protocol
-    request: RunRequest
-    design: Design
-    design_text: str
-    run: RunRecord | None = None
-
-
-def prepare(protocol_name: str, asked: RunOptions, design_name: str) -> PreparedRun:
-    """A new run.
-
-    Raises:
-        BadInput: no such protocol or design, or the protocol does not take what was asked for.
-    """
-    protocol = find_protocol(protocol_name)
-    design = load_design(design_name)
-    return PreparedRun(protocol, complete(protocol, asked, design), design, design_text(design_name))
 
 
 def prepare_again(ledger: Ledger, name: str) -> PreparedRun:
@@ -107,55 +81,6 @@ def require_same_plan(ledger: Ledger, run: RunRecord, trials: Sequence[Trial]) -
         )
 
 
-def simulated_heights(
-    design: Design, trials: Sequence[Trial], config: RigConfig
-) -> tuple[SimulatedHeights, ...]:
-    """The simulator's heights of every pattern and pressure of a plan, as a run's record holds them.
-
-    Raises:
-        BadInput, LabError: a pattern that cannot be simulated.
-    """
-    points_mm = config.markers.points_mm()
-    wanted = dict.fromkeys((trial.pattern, psi) for trial in trials for psi in trial.pressures_psi)
-    return tuple(
-        SimulatedHeights(pattern, psi, _heights_mm(design, pattern, psi, points_mm))
-        for pattern, psi in wanted
-    )
-
-
-def begin(
-    ledger: LedgerWriter,
-    prepared: PreparedRun,
-    planned_trials: int,
-    heights: tuple[SimulatedHeights, ...],
-    rig: Rig,
-    operator: str,
-    note: str,
-) -> RunRecord:
-    """Put a new run into the ledger, with all that says how it was made."""
-    return ledger.begin_run(
-        RunRecord(
-            number=0,
-            protocol=prepared.protocol.name,
-            begun=now(),
-            request=prepared.request,
-            planned_trials=planned_trials,
-            design_name=prepared.design.name,
-            design_source=prepared.design.source,
-            design_text=prepared.design_text,
-            rig_name=rig.config.name,
-            rig=asdict(rig.config),
-            simulated=rig.config.simulated,
-            identities=_identities(rig),
-            simulated_heights=heights,
-            versions={**versions(), **package_of(prepared.protocol.name)},
-            commit=commit(),
-            operator=operator,
-            note=note,
-        )
-    )
-
-
 def go_on(ledger: LedgerWriter, run: RunRecord, rig: Rig, operator: str, note: str) -> RunRecord:
     """Say in the ledger that a run goes on: by whom, with what, and which attempts were left without a record."""
     detail = {
@@ -177,30 +102,15 @@ def changed_instruments(run: RunRecord, rig: Rig) -> tuple[str, ...]:
     """In words, each instrument that answers otherwise than when the run was begun; the ledger keeps both answers."""
     return tuple(
         f"{instrument}: the run was begun with {_who(run.identities[instrument])}, {_who(now_there)} answers now"
-        for instrument, now_there in _identities(rig).items()
+        for instrument, now_there in rig.identities.by_instrument().items()
         if _who(run.identities[instrument]) != _who(now_there)
     )
-
-
-def _identities(rig: Rig) -> dict[str, Identity]:
-    answered = rig.identities
-    return {"regulator": answered.regulator, "valves": answered.valves, "markers": answered.markers}
 
 
 def _who(identity: Identity) -> str:
     """An instrument's name for itself."""
     number, firmware = identity.serial_number, identity.firmware
     return f"{identity.model}, serial number {number or 'not told'}, firmware {firmware or 'not told'}"
-
-
-def _heights_mm(
-    design: Design, pattern: str, pressure_psi: float, points_mm: np.ndarray
-) -> tuple[float, ...]:
-    # Not before it is wanted: what is asked for wrongly should be answered at once.
-    from labctl.simulation.patterns import simulate_pattern
-
-    simulated = simulate_pattern(design, pattern, design.sheet.strain_at(pressure_psi))
-    return tuple(simulated.points_mm(points_mm)[:, 2].tolist())
 
 
 def _differences(before: Mapping[str, Any], after: Mapping[str, Any], path: str) -> Sequence[str]:
