@@ -5,6 +5,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+# A device gives its readings in hundredths: one that stands on the edge of a band is inside.
+_EDGE_PSI = 1e-6
+
+
+def in_band(gauge_psi: float, pressure_psi: float, tolerance_psi: float) -> bool:
+    """Whether a reading is within a band around a pressure, its edges included; all in psi.
+
+    The one law for it: what a rig waits for, what it measures by, and what is verified years later.
+    """
+    return abs(gauge_psi - pressure_psi) <= tolerance_psi + _EDGE_PSI
+
 
 @dataclass(frozen=True)
 class Identity:

@@ -7,9 +7,9 @@ Pure and deterministic: the same recording, windows and basis give the same numb
 
 from collections.abc import Sequence
 
-from labctl.instruments.readings import MarkerFrames, PressureSamples
+from labctl.instruments.readings import MarkerFrames, PressureSamples, in_band
 from labctl.measurement.basis import Basis
-from labctl.measurement.level import EDGE_PSI, UninflatedSheet, measure_level
+from labctl.measurement.level import UninflatedSheet, measure_level
 from labctl.measurement.recording import Recording, lay_out
 from labctl.measurement.relaxation import measure_relaxation
 from labctl.measurement.result import LevelResult, RelaxationResult, TrialResult
@@ -83,7 +83,7 @@ def _pressure_problem(recording: Recording, window: Window) -> str | None:
     """What is wrong where the sheet was under pressure."""
     gauge_psi = recording.gauge_psi_between(window.start_s, window.end_s)
     tolerance_psi = recording.basis.tolerance_psi
-    if not len(gauge_psi) or gauge_psi.max() <= tolerance_psi + EDGE_PSI:
+    if not len(gauge_psi) or in_band(max(gauge_psi.max(), 0.0), 0.0, tolerance_psi):
         return None
     return (
         f"the pressure was {gauge_psi.max():.3f} psi, above {tolerance_psi:g} psi: this is not the uninflated sheet; "

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.instruments.readings import MarkerFrames
+from labctl.instruments.readings import MarkerFrames, in_band
 from labctl.measurement.basis import Basis
 from labctl.measurement.recording import Recording
 from labctl.measurement.result import Heights, LevelResult
@@ -15,9 +15,6 @@ from labctl.mocap.frame import SheetFrame
 from labctl.mocap.heights import inflation_heights_mm
 from labctl.mocap.transfer import TransferError, transfer_error
 from labctl.mocap.window import MarkerWindow, average
-
-# A device reports its readings in hundredths: one that stands on the edge is inside.
-EDGE_PSI = 1e-6
 
 Floats = NDArray[np.float64]
 
@@ -103,7 +100,7 @@ def _hold_problem(gauge_psi: Floats, pressure_psi: float, window: Window, tolera
     if not len(gauge_psi):
         return f"no pressure was read in the window's {window.end_s - window.start_s:.3g} s; look at the regulator"
     lowest_psi, highest_psi = float(gauge_psi.min()), float(gauge_psi.max())
-    if max(pressure_psi - lowest_psi, highest_psi - pressure_psi) <= tolerance_psi + EDGE_PSI:
+    if all(in_band(psi, pressure_psi, tolerance_psi) for psi in (lowest_psi, highest_psi)):
         return None
     return (
         f"the pressure left {pressure_psi:g} +- {tolerance_psi:g} psi while the markers were captured "

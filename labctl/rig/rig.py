@@ -12,7 +12,7 @@ from types import TracebackType
 from labctl.clock import Clock, rig_clock
 from labctl.config.rig import RigConfig
 from labctl.errors import InstrumentError, Unsafe
-from labctl.instruments.readings import MarkerFrames, PressureReading
+from labctl.instruments.readings import MarkerFrames, PressureReading, in_band
 from labctl.rig.instruments import RigInstruments
 from labctl.rig.platform import SYSTEM, Platform
 from labctl.rig.recorder import Recorder, kept_by
@@ -211,7 +211,7 @@ class Rig:
         while not times_s or times_s[-1] - times_s[0] < limits.settle_s:
             reading = self.pressure()
             watch(reading)
-            if abs(reading.gauge_psi - pressure_psi) > limits.hold_tolerance_psi:
+            if not in_band(reading.gauge_psi, pressure_psi, limits.hold_tolerance_psi):
                 times_s.clear()
                 pressures_psi.clear()
             else:

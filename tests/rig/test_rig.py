@@ -4,6 +4,7 @@ import pytest
 
 from labctl.doubles.faults import Faults, parse_faults
 from labctl.errors import InstrumentError, RigUnavailable, Stopped, Tripped, Unsafe
+from labctl.instruments.readings import PressureReading
 from labctl.rig import Rig
 from labctl.stop import OperatorStop
 
@@ -183,3 +184,21 @@ def test_a_rig_found_energised_that_stays_unsafe_is_left_to_the_guard(rig_with):
         virtual.time.sleep(0.05)
     virtual.time.sleep(2)
     virtual.assert_safe()
+
+
+@pytest.mark.parametrize(("reading_psi", "settles"), [(4.2, True), (4.0, True), (4.21, False), (3.99, False)])
+def test_a_pressure_on_the_edge_of_its_band_has_settled(rig_with, monkeypatch, reading_psi, settles):
+    """The law by which a recording is measured (labctl.instruments.readings.in_band) is the one that is waited by."""
+    virtual = rig_with()
+
+    def reads():
+        virtual.time.sleep(0.05)
+        return PressureReading(reading_psi, 4.1)
+
+    with open_rig(virtual) as rig:
+        monkeypatch.setattr(rig, "pressure", reads)
+        if settles:
+            assert rig.settle(4.1, lambda _: None).mean_psi == pytest.approx(reading_psi)
+        else:
+            with pytest.raises(InstrumentError, match="did not stay within 4.1"):
+                rig.settle(4.1, lambda _: None)
