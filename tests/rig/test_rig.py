@@ -200,5 +200,5 @@ def test_a_pressure_on_the_edge_of_its_band_has_settled(rig_with, monkeypatch, r
         if settles:
             assert rig.settle(4.1, lambda _: None).mean_psi == pytest.approx(reading_psi)
         else:
-            with pytest.raises(InstrumentError, match="did not stay within 4.1"):
+            with pytest.raises(InstrumentError, match="did not stay within"):
                 rig.settle(4.1, lambda _: None)
