@@ -1,4 +1,4 @@
-"""The map of the house is true: docs/explanation/architecture.md against the tree, and against the import contract."""
+"""The map of the house is true: docs/explanation/architecture.md against the tree and the import contract."""
 
 import re
 import tomllib
