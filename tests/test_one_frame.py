@@ -15,7 +15,8 @@ from labctl.doubles.reality_gap import NO_GAP
 from labctl.doubles.serve import Doubles
 from labctl.doubles.settings import DoublesSettings
 from labctl.rig import Rig
-from labctl.simulation.patterns import sheet_of, simulate_pattern
+from labctl.simulation.sheets import pattern_sheet
+from labctl.simulation.simulate import simulate_pattern
 from labctl.stop import StopRequest
 from protocols.inflate import InflateOrder, inflate
 from sim.materials import JAMMED, UNJAMMED
@@ -90,7 +91,7 @@ def measured(design, tmp_path_factory):
 
 
 def test_the_fibers_land_on_the_columns_and_faces_of_the_file(design):
-    material = sheet_of(design, "hook").material
+    material = pattern_sheet(design, "hook").material
 
     # Columns lie at 70 + 5 (i - 13) mm: x = 20 and 105 mm are i = 3 and 20, y = 40 mm is j = 7.
     assert (material[3:21, 7, 2] == JAMMED).all()

@@ -36,7 +36,7 @@ def inflate(pattern: str, pressure_text: str, design_name: str, rig_path: Path |
     from labctl.config.quantity import pressure_psi
     from labctl.mocap.transfer import transfer_error
     from labctl.rig import Rig
-    from labctl.simulation.patterns import simulate_pattern
+    from labctl.simulation.simulate import simulate_pattern
     from protocols.inflate import InflateOrder
     from protocols.inflate import inflate as run_inflate
     from sim.warm import compile_kernels

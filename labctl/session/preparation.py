@@ -189,7 +189,7 @@ def _who(identity: Mapping[str, Any]) -> str:
 
 def _heights_mm(design: Design, pattern: str, pressure_psi: float, points_mm: np.ndarray) -> list[float]:
     # Not before it is wanted: what is asked for wrongly should be answered at once.
-    from labctl.simulation.patterns import simulate_pattern
+    from labctl.simulation.simulate import simulate_pattern
 
     simulated = simulate_pattern(design, pattern, design.sheet.strain_at(pressure_psi))
     heights: list[float] = simulated.points_mm(points_mm)[:, 2].tolist()

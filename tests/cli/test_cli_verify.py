@@ -10,7 +10,7 @@ from labctl.cli.main import run as labctl
 from labctl.config.load import design_text, load_design
 from labctl.ledger.records import EventRecord
 from labctl.ledger.writer import LedgerWriter
-from labctl.simulation.patterns import simulate_pattern
+from labctl.simulation.simulate import simulate_pattern
 from labctl.statistics.summary import summarise, summary_to_json
 
 FRAMES = "raw/0001-five-trial/trial-02-1.frames.parquet"

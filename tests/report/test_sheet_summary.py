@@ -7,10 +7,10 @@ from sim.sheet import FaceElement, Sheet
 
 def as_elements(simulated):
     """The same shape, its fibers said to be elements, and to bend with another modulus."""
-    sheet = simulated.subject.sheet
+    sheet = simulated.input.sheet
     element = FaceElement("top", (12, 12), (12, 13), True)
     told = Sheet(sheet.material, Materials(jammed_bending_pa=137_800.0), (element,))
-    return replace(simulated, subject=replace(simulated.subject, sheet=told))
+    return replace(simulated, input=replace(simulated.input, sheet=told))
 
 
 def test_published_fibers_need_no_words(slanted):
