@@ -16,7 +16,7 @@ def drifted(monkeypatch):
     """Both solvers hand back a sheet that has only turned and moved as a whole."""
     turn = Rotation.from_rotvec([0.1, -0.2, 0.3])
 
-    def drift(self, sheets, starts):
+    def drift(self, sheets, starts=None):
         rest_m = rest_positions_m(sheets[0])
         orientations = np.tile(turn.as_quat(scalar_first=True), (len(rest_m), 1))
         strain = getattr(self, "strain", 0.2)
@@ -31,7 +31,7 @@ def drifted(monkeypatch):
 def restless(monkeypatch):
     """No sheet comes to rest."""
     failure = Failure("the lattice diverged", (13, 12, 2), "at sweep 7")
-    monkeypatch.setattr("sim.solver.Equilibrium.solve", lambda self, sheets, starts: [failure])
+    monkeypatch.setattr("sim.solver.Equilibrium.solve", lambda self, sheets, starts=None: [failure])
 
 
 @pytest.fixture
