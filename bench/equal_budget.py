@@ -30,7 +30,7 @@ from evolve.selection import Member
 from evolve.workers.local import Here, Processes
 from evolve.workers.pool import Pool
 from labctl.config.load import load_design
-from labctl.simulation.patterns import sheet_of
+from labctl.simulation.sheets import pattern_sheet
 from sim.geometry import geometry
 from sim.shape import Failure
 from sim.targets.target import Target
@@ -180,11 +180,10 @@ def known_problem() -> Problem:
     physics = Physics(geometry(design.sheet.geometry))
     targets = []
     for pattern in PATTERNS:
-        sheet = sheet_of(design, pattern)
-        shape = physics.solve(sheet)
+        shape = physics.solve(pattern_sheet(design, pattern))
         if isinstance(shape, Failure):
-            sys.exit(f"target {pattern}: the known design's sheet has no shape: {shape.reason}, {shape.when}")
-        heights_m = physics.heights_m(sheet, shape, "top")
+            sys.exit(f"target {pattern}: the known design's sheet has no shape: {shape.summary}")
+        heights_m = shape.height_field_m("top")
         targets.append(
             Target(f"pattern:{pattern}", f"design known, pattern {pattern}", physics.geometry, heights_m)
         )

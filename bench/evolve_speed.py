@@ -27,6 +27,7 @@ from evolve.settings import Settings
 from evolve.workers.pool import Pool
 from sim.score import simulation_error
 from sim.shape import Failure
+from sim.solve import RegisteredShape
 
 SEED = 1
 PARTS = ("building the sheet", "the solver", "registration and heights", "e_s")
@@ -129,17 +130,19 @@ def print_saves(settings: Settings, turns: Sequence[Sequence[Turn]], generations
 def parts_s(problem: Problem, limits: Constraints, layouts: int) -> list[list[float]]:
     """For each map of some random layouts the seconds of each part of `Problem.score`, which they must equal."""
     rng = np.random.default_rng(SEED)
+    solver = problem.physics.make_solver()
     found = []
     for _ in range(layouts):
         for voxel_map in problem.maps(random_genome(limits, rng)):
             at_s = [time.perf_counter()]
             sheet = voxel_map.sheet(problem.physics.materials)
             at_s.append(time.perf_counter())
-            shape = problem.physics.solve(sheet)
+            (shape,) = solver.solve([sheet])
             at_s.append(time.perf_counter())
             if isinstance(shape, Failure):
                 continue
-            heights_m = problem.physics.heights_m(sheet, shape, problem.surface)
+            registered = RegisteredShape.of(sheet, shape, solver.at_rest)
+            heights_m = registered.height_field_m(problem.surface)
             at_s.append(time.perf_counter())
             errors_m = tuple(
                 simulation_error(heights_m, target, problem.scoring).e_s_m for target in problem.targets

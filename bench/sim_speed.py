@@ -20,9 +20,9 @@ from oracle.dynamic import dynamic as oracle_dynamic
 from sim.equilibrium import equilibrium
 from sim.geometry import PUBLISHED, columns
 from sim.inflation import RampAndHold
-from sim.registration import register
-from sim.shape import Shape
+from sim.shape import Failure, Shape
 from sim.sheet import Fiber, Sheet, build_sheet
+from sim.solve import solve_registered
 from sim.solver import DEFAULT_STRAIN, Dynamic, Equilibrium, Solver
 
 BATCH = 32
@@ -118,11 +118,10 @@ def golden_errors_mm(solver: Solver, key: str) -> list[float]:
     for path in sorted(GOLDEN.glob("*.npz")):
         with np.load(path) as case:
             sheet, reference = Sheet(case["material"]), case[key]
-        (shape,) = solver.solve([sheet])
-        if not isinstance(shape, Shape):
-            sys.exit(f"{path.name} has no shape: {shape.reason}")
-        positions_m = register(sheet, shape) if key.startswith("equilibrium") else shape.positions_m
-        errors.append(1e3 * float(np.linalg.norm(positions_m - reference, axis=1).mean()))
+        shape = solve_registered(sheet, solver)
+        if isinstance(shape, Failure):
+            sys.exit(f"{path.name} has no shape: {shape.summary}")
+        errors.append(1e3 * float(np.linalg.norm(shape.positions_m - reference, axis=1).mean()))
     return errors
 
 

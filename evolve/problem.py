@@ -4,18 +4,16 @@ from dataclasses import dataclass
 from hashlib import blake2b
 
 import numpy as np
-from numpy.typing import NDArray
 
 from evolve.errors import EvolveError
 from evolve.genome import Genome
 from sim.errors import SimError
 from sim.geometry import Geometry
-from sim.heights import Surface, height_field_m
+from sim.heights import Surface
 from sim.kernel import Precision
 from sim.materials import Materials
-from sim.registration import register
 from sim.score import DEFAULT, Scoring, simulation_error
-from sim.shape import Failure, Shape
+from sim.shape import Failure
 from sim.sheet import (
     FiberModel,
     LaidFiber,
@@ -24,7 +22,8 @@ from sim.sheet import (
     elements_from_array,
     lay_fibers,
 )
-from sim.solver import DEFAULT_STRAIN, Dynamic, Equilibrium, Solver, SolverName
+from sim.solve import RegisteredShape, solve_registered
+from sim.solver import DEFAULT_STRAIN, Solver, SolverName, make_solver
 from sim.targets.target import Target
 
 PUBLISHED_MATERIALS = Materials()
@@ -46,18 +45,17 @@ class Physics:
     strain: float = DEFAULT_STRAIN
     precision: Precision = "float32"
 
-    def solve(self, sheet: Sheet) -> Shape | Failure:
-        """One sheet's shape, on the core of the caller."""
-        by: Solver = Equilibrium(self.strain, self.precision, workers=1)
-        if self.solver == "dynamic":
-            by = Dynamic(precision=self.precision, workers=1)
-        (shape,) = by.solve([sheet])
-        return shape
+    def make_solver(self) -> Solver:
+        """The solver, on the core of the caller."""
+        return make_solver(self.solver, self.strain, self.precision, workers=1)
 
-    def heights_m(self, sheet: Sheet, shape: Shape, surface: Surface) -> NDArray[np.float64]:
-        """The height field (28, 28) that is scored, in metres."""
-        still = self.solver == "equilibrium"
-        return height_field_m(sheet, register(sheet, shape) if still else shape.positions_m, surface)
+    def solve(self, sheet: Sheet) -> RegisteredShape | Failure:
+        """One sheet's shape, from whose positions heights are taken.
+
+        Raises:
+            SimError: the sheet cannot be simulated so.
+        """
+        return solve_registered(sheet, self.make_solver())
 
 
 @dataclass(frozen=True)
@@ -127,8 +125,8 @@ class Problem:
             sheet = voxel_map.sheet(self.physics.materials)
             shape = self.physics.solve(sheet)
             if isinstance(shape, Failure):
-                return MapScore(None, f"{shape.reason}, {shape.when}")
-            heights_m = self.physics.heights_m(sheet, shape, self.surface)
+                return MapScore(None, shape.summary)
+            heights_m = shape.height_field_m(self.surface)
             errors_m = tuple(
                 simulation_error(heights_m, target, self.scoring).e_s_m for target in self.targets
             )

@@ -1,4 +1,4 @@
-"""Where the sheet's columns of voxels are: the grid, its two published cuts, and the sheet frame.
+"""Where the sheet's columns of voxels are: the grid, the two round sheets in it, and the sheet frame.
 
 Sheet frame: origin at the lower-left corner of the sheet's bounding square seen from the top face, x right
 (grid index i), y up (j), z out of the top face (k). The sheet's centre is at (70, 70) mm in both geometries.
@@ -21,7 +21,7 @@ RADIUS_PITCHES = 14
 
 @dataclass(frozen=True)
 class Geometry:
-    """A round cut of the grid; `centre` is the grid index of its centre along i and along j."""
+    """A round sheet in the grid; `centre` is the grid index of its centre along i and along j."""
 
     name: str
     centre: float

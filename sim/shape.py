@@ -30,3 +30,13 @@ class Failure:
     reason: str
     voxel: tuple[int, int, int] | None
     when: str
+
+    @property
+    def summary(self) -> str:
+        """Why and when: the same for every sheet that fails alike, whichever voxel is to blame."""
+        return f"{self.reason}, {self.when}"
+
+    def describe(self) -> str:
+        """Why, at which voxel, and when."""
+        where = "" if self.voxel is None else f" at voxel (i, j, k) = {self.voxel}"
+        return f"{self.reason}{where}, {self.when}"

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeVar
+from typing import ClassVar, Literal, Protocol, TypeVar
 
 from sim.dynamic import dynamic
 from sim.equilibrium import equilibrium
@@ -23,7 +23,14 @@ Start = TypeVar("Start")
 
 
 class Solver(Protocol):
-    """What callers know of a solver; one on other hardware can stand in without touching them."""
+    """What callers know of a solver; one on other hardware can stand in without touching them.
+
+    `at_rest`: whether its shapes are at rest, whose place and turn as a whole mean nothing: heights then count only
+    after rigid registration (`sim.solve`).
+    """
+
+    @property
+    def at_rest(self) -> bool: ...  # noqa: D102 - said above
 
     def solve(
         self, sheets: Sequence[Sheet], starts: Sequence[Shape | None] | None = None
@@ -42,6 +49,8 @@ class Dynamic:
     `workers` threads solve a sheet each, by default one for each core that the process may use; a result does
     not depend on them, bit for bit, nor on what else is in the batch.
     """
+
+    at_rest: ClassVar[bool] = False
 
     inflation: Inflation = PUBLISHED_PROTOCOL
     precision: Precision = "float32"
@@ -72,6 +81,8 @@ class Equilibrium:
         SimError: the strain is not between 0 and 0.6.
     """
 
+    at_rest: ClassVar[bool] = True
+
     strain: float = DEFAULT_STRAIN
     precision: Precision = "float32"
     workers: int | None = None
@@ -97,6 +108,22 @@ class Equilibrium:
             return equilibrium(sheet, self.strain, start, self.precision)
 
         return _each(solve_one, sheets, starts or [None] * len(sheets), self.workers)
+
+
+def make_solver(
+    name: SolverName,
+    strain: float = DEFAULT_STRAIN,
+    precision: Precision = "float32",
+    workers: int | None = None,
+) -> Solver:
+    """The solver of that name; `strain` is the one to hold at rest, "dynamic" has the published inflation.
+
+    Raises:
+        SimError: the strain to hold is not between 0 and 0.6.
+    """
+    if name == "dynamic":
+        return Dynamic(precision=precision, workers=workers)
+    return Equilibrium(strain, precision, workers)
 
 
 def _each(

@@ -2,14 +2,17 @@ import numpy as np
 import pytest
 
 from labctl.config.design import Design, Fiber, SheetSpec
-from labctl.simulation.subject import Simulated, pattern_subject
+from labctl.simulation.sheets import pattern_input
+from labctl.simulation.simulate import SimulatedSheet
+from sim.shape import Shape
 from sim.sheet import rest_positions_m
+from sim.solve import RegisteredShape
 
 pytest_plugins = ["real_time"]
 
 
 @pytest.fixture(scope="session")
-def slanted() -> Simulated:
+def slanted() -> SimulatedSheet:
     """A made-up shape that no mirror and no transposition leaves alone: column (i, j) is i + j / 10 mm up."""
     design = Design(
         name="slanted",
@@ -21,9 +24,10 @@ def slanted() -> Simulated:
         ),
         patterns={"one": frozenset({"low"})},
     )
-    subject = pattern_subject(design, "one", pressure_psi=1.95)
-    positions_m = rest_positions_m(subject.sheet)
-    voxels = subject.sheet.voxels()
-    positions_m[:, 2] += (voxels[:, 0] + voxels[:, 1] / 10) / 1e3
+    given = pattern_input(design, "one", pressure_psi=1.95)
+    rest_m, voxels = rest_positions_m(given.sheet), given.sheet.voxels()
     untouched = np.tile([1.0, 0.0, 0.0, 0.0], (len(voxels), 1))
-    return Simulated(subject, "equilibrium", 7, 0.0, positions_m, untouched)
+    raw = Shape(rest_m, 7, 0.0, untouched, np.zeros(0, np.bool_))
+    positions_m = rest_m.copy()
+    positions_m[:, 2] += (voxels[:, 0] + voxels[:, 1] / 10) / 1e3
+    return SimulatedSheet(given, "equilibrium", RegisteredShape(given.sheet, raw, True, positions_m))

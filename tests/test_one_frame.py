@@ -26,7 +26,8 @@ from labctl.session.contract import Bench
 from labctl.session.perform import perform
 from labctl.session.request import RunOptions, complete, plan
 from labctl.session.run_stop import RunStop
-from labctl.simulation.patterns import sheet_of, simulate_pattern
+from labctl.simulation.sheets import pattern_sheet
+from labctl.simulation.simulate import simulate_pattern
 from labctl.stop import OperatorStop
 from protocols.inflate import INFLATE
 from sim.materials import JAMMED, UNJAMMED
@@ -121,7 +122,7 @@ def recorded(design, rig):
 
 
 def test_the_fibers_land_on_the_columns_and_faces_of_the_file(design):
-    material = sheet_of(design, "hook").material
+    material = pattern_sheet(design, "hook").material
 
     # Columns lie at 70 + 5 (i - 13) mm: x = 20 and 105 mm are i = 3 and 20, y = 40 mm is j = 7.
     assert (material[3:21, 7, 2] == JAMMED).all()

@@ -13,8 +13,9 @@ from labctl.cli.output import emit_json, table
 
 if TYPE_CHECKING:
     from labctl.config.design import Design
-    from labctl.simulation.subject import Simulated, Subject
-    from labctl.simulation.targets.target_error import TargetComparison
+    from labctl.simulation.sheets import SimulationInput
+    from labctl.simulation.simulate import SimulatedSheet
+    from labctl.simulation.targets.target_error import TargetError
     from sim.targets.target import Target
 
 _OUT_FORMATS = (".npz", ".vtu")
@@ -22,8 +23,8 @@ _PLOT_FORMATS = (".png", ".svg", ".pdf")
 
 
 @dataclass(frozen=True)
-class _Wanted:
-    """What the command line asks for."""
+class SimulateOptions:
+    """The options as given."""
 
     pattern: str | None
     voxel_path: Path | None
@@ -114,151 +115,154 @@ class _Wanted:
 )
 @design_option
 @json_option
-def simulate(as_json: bool, **options: Any) -> None:  # noqa: ANN401 - click's values, as _Wanted types them
+def simulate(as_json: bool, **values: Any) -> None:  # noqa: ANN401 - click's values, as SimulateOptions types them
     """Simulate a pattern (--pattern) or a voxel file (--voxels).
 
     At rest, positions are registered rigidly onto the undeformed sheet; the published protocol's are as they
     come.
     """
-    wanted = _Wanted(**options)
-    _check_choice(wanted)
-    _check_files(wanted)
+    options = SimulateOptions(**values)
+    _check_choice(options)
+    _check_files(options)
 
-    from labctl.simulation.subject import solve
+    from labctl.simulation.simulate import simulate_sheet
     from sim.warm import compile_kernels
 
-    design = None if wanted.voxel_path is not None else _design(wanted)
-    subject = _of_voxels(wanted.voxel_path, wanted) if design is None else _of_pattern(design, wanted)
+    design = None if options.voxel_path is not None else _design(options)
+    given = _of_voxels(options.voxel_path, options) if design is None else _of_pattern(design, options)
 
     def compile_first() -> None:
-        compile_kernels(lambda text: click.echo(f"labctl: {text}", err=True), wanted.solver, wanted.precision)
+        compile_kernels(
+            lambda text: click.echo(f"labctl: {text}", err=True), options.solver, options.precision
+        )
 
-    target = _target(wanted, design, subject, compile_first)
+    target = _target(options, design, given, compile_first)
     compile_first()
-    simulated = solve(subject, wanted.solver, wanted.precision)
-    comparison = None if target is None else _compared(simulated, target, wanted)
-    _write(simulated, wanted)
-    _tell(simulated, comparison, wanted, as_json)
+    simulated = simulate_sheet(given, options.solver, options.precision)
+    error = None if target is None else _target_error(simulated, target, options)
+    _write(simulated, options)
+    _print(simulated, error, options, as_json)
 
 
-def _design(wanted: _Wanted) -> "Design":
+def _design(options: SimulateOptions) -> "Design":
     from labctl.config.design import FiberPhysics
     from labctl.config.load import load_design
 
-    design = load_design(wanted.design_name)
-    fibers, jamming = wanted.fibers or design.physics.fibers, wanted.jamming or design.physics.jamming
+    design = load_design(options.design_name)
+    fibers, jamming = options.fibers or design.physics.fibers, options.jamming or design.physics.jamming
     return replace(design, physics=FiberPhysics(fibers, jamming))
 
 
-def _of_pattern(design: "Design", wanted: _Wanted) -> "Subject":
+def _of_pattern(design: "Design", options: SimulateOptions) -> "SimulationInput":
     from labctl.config.quantity import pressure_psi
-    from labctl.simulation.subject import pattern_subject
+    from labctl.simulation.sheets import pattern_input
 
-    held_psi = None if wanted.pressure_text is None else pressure_psi(wanted.pressure_text)
-    return pattern_subject(design, str(wanted.pattern), wanted.strain, held_psi)
+    held_psi = None if options.pressure_text is None else pressure_psi(options.pressure_text)
+    return pattern_input(design, str(options.pattern), options.strain, held_psi)
 
 
-def _of_voxels(voxel_path: Path | None, wanted: _Wanted) -> "Subject":
-    from labctl.simulation.subject import voxel_subject
+def _of_voxels(voxel_path: Path | None, options: SimulateOptions) -> "SimulationInput":
+    from labctl.simulation.sheets import voxel_input
     from labctl.simulation.voxel_files import read_voxels
 
     file = read_voxels(Path(str(voxel_path)))
     for key in file.ignored:
         click.echo(f"labctl: {voxel_path}: {key} means nothing here and is ignored", err=True)
-    if file.strain is not None and wanted.solver == "dynamic":
+    if file.strain is not None and options.solver == "dynamic":
         left_aside = "the published protocol has its own inflation"
-    elif file.strain is not None and wanted.strain is not None and wanted.strain != file.strain:
-        left_aside = f"--strain {wanted.strain:g} is held"
+    elif file.strain is not None and options.strain is not None and options.strain != file.strain:
+        left_aside = f"--strain {options.strain:g} is held"
     else:
         left_aside = None
     if left_aside is not None:
         click.echo(f"labctl: {voxel_path}: its strain {file.strain:g} is left aside: {left_aside}", err=True)
-    return voxel_subject(file, wanted.strain)
+    return voxel_input(file, options.strain)
 
 
 def _target(
-    wanted: _Wanted, design: "Design | None", subject: "Subject", compile_first: Callable[[], None]
+    options: SimulateOptions,
+    design: "Design | None",
+    given: "SimulationInput",
+    compile_first: Callable[[], None],
 ) -> "Target | None":
-    """The target, before the sheet itself is solved: a mistake in its words is told at once."""
-    if wanted.target_words is None:
+    """The target, before the sheet itself is solved: a mistake in its words is reported at once."""
+    if options.target_words is None:
         return None
-    from labctl.simulation.patterns import sheet_of
-    from labctl.simulation.subject import solve
+    from labctl.simulation.sheets import pattern_sheet
+    from labctl.simulation.simulate import simulate_sheet
     from labctl.simulation.targets.parse_target import parse_target
-    from sim.heights import height_field_m
 
     def pattern_heights_m(pattern: str) -> Any:  # noqa: ANN401 - an array; NumPy is not imported here
         if design is None:
             raise click.UsageError("a voxel file has no patterns to compare with")
-        other = replace(subject, sheet=sheet_of(design, pattern), name=f"target pattern:{pattern}")
+        other = replace(given, sheet=pattern_sheet(design, pattern), name=f"target pattern:{pattern}")
         compile_first()
-        solved = solve(other, wanted.solver, wanted.precision)
-        return height_field_m(other.sheet, solved.positions_m, wanted.surface)
+        return simulate_sheet(other, options.solver, options.precision).shape.height_field_m(options.surface)
 
-    return parse_target(wanted.target_words, design, subject.cut, pattern_heights_m)
+    return parse_target(options.target_words, design, given.geometry, pattern_heights_m)
 
 
-def _compared(simulated: "Simulated", target: "Target", wanted: _Wanted) -> "TargetComparison":
-    from labctl.simulation.targets.target_error import compare_with_target
+def _target_error(simulated: "SimulatedSheet", target: "Target", options: SimulateOptions) -> "TargetError":
+    from labctl.simulation.targets.target_error import target_error
     from sim.score import PRESETS
 
-    sheet, positions_m = simulated.subject.sheet, simulated.positions_m
-    return compare_with_target(target, sheet, positions_m, wanted.surface, PRESETS[wanted.scoring])
+    sheet, positions_m = simulated.input.sheet, simulated.shape.positions_m
+    return target_error(target, sheet, positions_m, options.surface, PRESETS[options.scoring])
 
 
-def _write(simulated: "Simulated", wanted: _Wanted) -> None:
-    if wanted.out_path is not None:
+def _write(simulated: "SimulatedSheet", options: SimulateOptions) -> None:
+    if options.out_path is not None:
         from labctl.simulation.shape_files import write_shape
 
-        write_shape(wanted.out_path, simulated)
-    if wanted.plot_path is not None:
+        write_shape(options.out_path, simulated)
+    if options.plot_path is not None:
         from labctl.report.sheet.plot import write_sheet_plot
 
-        write_sheet_plot(wanted.plot_path, simulated)
+        write_sheet_plot(options.plot_path, simulated)
 
 
-def _tell(
-    simulated: "Simulated", comparison: "TargetComparison | None", wanted: _Wanted, as_json: bool
+def _print(
+    simulated: "SimulatedSheet", error: "TargetError | None", options: SimulateOptions, as_json: bool
 ) -> None:
     from labctl.report.sheet.summary import facts, headline, height_table
 
-    named = {"out": wanted.out_path, "plot": wanted.plot_path}
+    files = {"out": options.out_path, "plot": options.plot_path}
     if as_json:
-        told = facts(simulated) | {"precision": wanted.precision}
-        told |= {key: path and str(path) for key, path in named.items()}
-        emit_json(told | {"target": None if comparison is None else comparison.for_machines()})
+        found = facts(simulated) | {"precision": options.precision}
+        found |= {key: path and str(path) for key, path in files.items()}
+        emit_json(found | {"target": None if error is None else error.for_machines()})
         return
     click.echo(headline(simulated))
     click.echo("")
     table(*height_table(simulated))
-    if comparison is not None:
-        click.echo("\n" + "\n".join(comparison.for_people()))
-    written = [str(path) for path in named.values() if path is not None]
+    if error is not None:
+        click.echo("\n" + "\n".join(error.for_people()))
+    written = [str(path) for path in files.values() if path is not None]
     if written:
         click.echo(f"\nwritten: {', '.join(written)}")
 
 
-def _check_choice(wanted: _Wanted) -> None:
-    of_voxels = wanted.voxel_path is not None
-    if (wanted.pattern is None) != of_voxels:
+def _check_choice(options: SimulateOptions) -> None:
+    of_voxels = options.voxel_path is not None
+    if (options.pattern is None) != of_voxels:
         raise click.UsageError("name what to simulate: either --pattern or --voxels")
-    if wanted.solver == "dynamic" and (wanted.strain is not None or wanted.pressure_text is not None):
+    if options.solver == "dynamic" and (options.strain is not None or options.pressure_text is not None):
         raise click.UsageError(
             "the published protocol (--solver dynamic) has its own inflation: --strain and --pressure go with "
             "--solver equilibrium"
         )
-    if wanted.strain is not None and wanted.pressure_text is not None:
+    if options.strain is not None and options.pressure_text is not None:
         raise click.UsageError("give --strain or --pressure, not both")
-    if of_voxels and wanted.pressure_text is not None:
+    if of_voxels and options.pressure_text is not None:
         raise click.UsageError("a voxel file has no rated pressure: give --strain")
     if of_voxels and _is_given("design_name"):
         raise click.UsageError("a voxel file needs no design: leave --design out")
-    if of_voxels and (wanted.fibers is not None or wanted.jamming is not None):
+    if of_voxels and (options.fibers is not None or options.jamming is not None):
         raise click.UsageError(
             "a voxel file carries its own physics: leave --fibers and --jamming out, and see `jammed_bending_pa` in "
             "docs/reference/voxel-files.md"
         )
-    if wanted.target_words is None and (_is_given("surface") or _is_given("scoring")):
+    if options.target_words is None and (_is_given("surface") or _is_given("scoring")):
         raise click.UsageError("--surface and --scoring go with --target: name one")
 
 
@@ -266,17 +270,17 @@ def _is_given(option: str) -> bool:
     return click.get_current_context().get_parameter_source(option) is not ParameterSource.DEFAULT
 
 
-def _check_files(wanted: _Wanted) -> None:
+def _check_files(options: SimulateOptions) -> None:
     """Refuse files that could not be written, or that would overwrite each other, before anything is solved."""
     from labctl.atomic_file import check_writable, same_file
 
-    out_path, plot_path = wanted.out_path, wanted.plot_path
+    out_path, plot_path = options.out_path, options.plot_path
     for option, path, formats in (("--out", out_path, _OUT_FORMATS), ("--plot", plot_path, _PLOT_FORMATS)):
         if path is None:
             continue
         if path.suffix not in formats:
             raise click.UsageError(f"{option} {path}: name a file that ends in {' or '.join(formats)}")
-        if wanted.voxel_path is not None and same_file(path, wanted.voxel_path):
+        if options.voxel_path is not None and same_file(path, options.voxel_path):
             raise click.UsageError(f"{option} {path} would overwrite the voxel file; name another")
         check_writable(path)
     if out_path is not None and plot_path is not None and same_file(out_path, plot_path):

@@ -94,7 +94,7 @@ def _simulate_again(run: "RunRecord") -> SimulatedAgain:
 
     from labctl.config.load import design_from_text
     from labctl.errors import LabError
-    from labctl.simulation.patterns import simulate_pattern
+    from labctl.simulation.simulate import simulate_pattern
     from sim.warm import compile_kernels
 
     if run.simulated_heights:

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from evolve.genome import Genome
 from evolve.problem import Problem, VoxelMap
 from labctl.errors import LabError
-from labctl.simulation.patterns import describe_failure
 from sim.errors import SimError
 from sim.score import Score, simulation_error
 from sim.shape import Failure
@@ -53,12 +52,11 @@ def _shape(problem: Problem, voxel_map: VoxelMap, target: Target) -> LayoutShape
     failed = f"the layout that takes the shape {target.name!r} could not be simulated again"
     advice = "use the version of the program that made the run (its run.json)"
     try:
-        sheet = voxel_map.sheet(problem.physics.materials)
-        shape = problem.physics.solve(sheet)
+        shape = problem.physics.solve(voxel_map.sheet(problem.physics.materials))
     except SimError as error:
         raise LabError(f"{failed}: {error}; {advice}") from error
     if isinstance(shape, Failure):
-        raise LabError(f"{failed}: {describe_failure(shape)}; {advice}")
-    heights_m = problem.physics.heights_m(sheet, shape, problem.surface)
+        raise LabError(f"{failed}: {shape.describe()}; {advice}")
+    heights_m = shape.height_field_m(problem.surface)
     score = simulation_error(heights_m, target, problem.scoring)
     return LayoutShape(target, 1e3 * (heights_m - score.offset_m), score)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from evolve.problem import Physics
 from labctl.config.design import Design
 from labctl.errors import BadInput
-from labctl.simulation.patterns import describe_failure, sheet_of
+from labctl.simulation.sheets import pattern_sheet
 from labctl.simulation.targets.parse_target import parse_target
 from sim.heights import Surface
 from sim.kernel import Precision
@@ -73,11 +73,10 @@ def targets_of(
     """
 
     def pattern_heights_m(pattern: str) -> NDArray[np.float64]:
-        sheet = sheet_of(design, pattern)
-        shape = physics.solve(sheet)
+        shape = physics.solve(pattern_sheet(design, pattern))
         if isinstance(shape, Failure):
-            raise BadInput(f"target pattern:{pattern} has no shape: {describe_failure(shape)}")
-        return physics.heights_m(sheet, shape, surface)
+            raise BadInput(f"target pattern:{pattern} has no shape: {shape.describe()}")
+        return shape.height_field_m(surface)
 
     targets: list[Target] = []
     for word in words:

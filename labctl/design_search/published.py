@@ -10,7 +10,7 @@ from evolve.workers.pool import Pool, ShouldStop
 from labctl.config.design import Design
 from labctl.design_search.parse_targets import PATTERN, CompileFirst, targets_of
 from labctl.design_search.search_run import SearchRun
-from labctl.simulation.patterns import materials_of
+from labctl.simulation.sheets import materials_of
 from sim.geometry import geometry
 from sim.heights import Surface
 from sim.score import PUBLISHED_SADDLES, PUBLISHED_SPHERE_CYLINDER, Scoring

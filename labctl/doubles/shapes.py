@@ -3,23 +3,22 @@
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labctl.config.design import Design
 from labctl.config.rig import MarkerPoint
 from labctl.doubles.reality_gap import RealityGap, misplaced, real_materials
 from labctl.doubles.sheet import Ladder
-from labctl.errors import BadInput, LabError
-from labctl.simulation.patterns import materials_of
+from labctl.errors import LabError
+from labctl.simulation.sheets import materials_of, sheet_with_jammed
 from sim.errors import SimError
 from sim.geometry import geometry
-from sim.heights import material_points, resting_offset_m
-from sim.registration import register
 from sim.shape import Failure, Shape
-from sim.sheet import Fiber, Sheet, build_sheet
+from sim.sheet import Sheet
+from sim.solve import solve_registered
 from sim.solver import Equilibrium
 
 RUNGS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.15)
@@ -39,11 +38,11 @@ class SimulatedShapes:
     """
 
     def __init__(self, design: Design, gap: RealityGap, points: Sequence[MarkerPoint]) -> None:
-        self._design = design
         self._geometry = geometry(design.sheet.geometry)
         self._materials = real_materials(gap, materials_of(design))
         rng = np.random.default_rng(gap.seed)
-        self._fibers = misplaced(design.fibers, gap, self._geometry, rng)
+        # The design as the gap has it built.
+        self._real = replace(design, fibers=misplaced(design.fibers, gap, self._geometry, rng))
         self._points_m = np.array([(point.x_mm, point.y_mm) for point in points]) / 1000
         self._ladders: dict[frozenset[str], Ladder] = {}
         self.failures: dict[frozenset[str], str] = {}
@@ -108,46 +107,28 @@ class SimulatedShapes:
         return self._closed or self._wanted != state
 
     def _sheet(self, jammed: frozenset[str]) -> Sheet:
-        fibers = [
-            Fiber(
-                fiber.face,
-                (fiber.start_mm[0] / 1000, fiber.start_mm[1] / 1000),
-                (fiber.end_mm[0] / 1000, fiber.end_mm[1] / 1000),
-            )
-            for fiber in self._fibers
-        ]
-        states = [fiber.id in jammed for fiber in self._fibers]
-        try:
-            return build_sheet(fibers, states, self._geometry, self._materials, self._design.physics.fibers)
-        except SimError as error:
-            raise BadInput(f"design {self._design.name} ({self._design.source}): {error}") from error
+        return sheet_with_jammed(self._real, jammed, self._materials)
 
     def _make(self, jammed: frozenset[str], unwanted: Callable[[], bool] = lambda: False) -> Ladder:
         sheet = self._sheet(jammed)
         flat = np.column_stack([self._points_m * 1000, np.zeros(len(self._points_m))])
         strains, points = [0.0], [flat]
-        shape: Shape | None = None
+        start: Shape | None = None
         for share in RUNGS[1:]:
             if unwanted():
                 raise _AbandonedError
-            strain = share * self._design.sheet.rated_strain
-            (settled,) = Equilibrium(strain).solve([sheet], [shape])
+            strain = share * self._real.sheet.rated_strain
+            settled = solve_registered(sheet, Equilibrium(strain), start)
             if isinstance(settled, Failure):
                 fibers = ", ".join(sorted(jammed)) or "nothing"
                 raise LabError(
                     f"simulated sheet with {fibers} jammed does not settle at strain {strain:.3f}: "
                     f"{settled.reason}; lower the design's rated_strain or the reality gap"
                 )
-            shape = settled
+            start = settled.raw
             strains.append(strain)
-            points.append(self._points_mm(sheet, settled))
+            points.append(settled.points_on_table_m(self._geometry, self._points_m) * 1000)
         return Ladder(np.array(strains), np.array(points))
-
-    def _points_mm(self, sheet: Sheet, shape: Shape) -> NDArray[np.float64]:
-        registered = register(sheet, shape)
-        points_m = material_points(sheet, self._geometry, registered, self._points_m, surface="top")
-        lift_m = np.array([0.0, 0.0, resting_offset_m(sheet, registered)])
-        return np.asarray((points_m + lift_m) * 1000, dtype=np.float64)
 
 
 class _AbandonedError(Exception):

@@ -70,7 +70,7 @@ def _heights_mm(
     design: Design, pattern: str, pressure_psi: float, points_mm: np.ndarray
 ) -> tuple[float, ...]:
     # Not before it is wanted: what is asked for wrongly should be answered at once.
-    from labctl.simulation.patterns import simulate_pattern
+    from labctl.simulation.simulate import simulate_pattern
 
     simulated = simulate_pattern(design, pattern, design.sheet.strain_at(pressure_psi))
     return tuple(simulated.points_mm(points_mm)[:, 2].tolist())

@@ -11,7 +11,8 @@ from labctl.config.design import Design
 from labctl.errors import BadInput
 from labctl.mocap.transfer import transfer_error
 from labctl.simulation.measured_heights import MeasuredHeights
-from labctl.simulation.patterns import heights_over_strain
+from labctl.simulation.simulate import simulate_pattern
+from sim.shape import Shape
 
 # The simulated heights are smooth in strain; between these rungs they are interpolated.
 _STRAINS = np.linspace(0.0, 0.6, 13)
@@ -51,7 +52,7 @@ def fit_inflation(design: Design, pattern: str, measured: MeasuredHeights) -> tu
                 "leave that column out"
             )
     try:
-        rungs_mm = heights_over_strain(design, pattern, tuple(_STRAINS), measured.points_mm)
+        rungs_mm = _heights_over_strain(design, pattern, measured.points_mm)
     except BadInput as error:
         raise BadInput(f"{measured.source}: {error}") from error
     simulated = CubicSpline(_STRAINS, rungs_mm)
@@ -59,6 +60,17 @@ def fit_inflation(design: Design, pattern: str, measured: MeasuredHeights) -> tu
         _fit(pressure_psi, heights_mm, simulated)
         for pressure_psi, heights_mm in zip(measured.pressures_psi, measured.heights_mm, strict=True)
     )
+
+
+def _heights_over_strain(design: Design, pattern: str, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Heights of the points at `_STRAINS`, float64 (strains, m), in mm; each shape starts from the one before."""
+    heights: list[NDArray[np.float64]] = []
+    start: Shape | None = None
+    for strain in _STRAINS:
+        simulated = simulate_pattern(design, pattern, strain, start)
+        start = simulated.shape.raw
+        heights.append(simulated.points_mm(points_mm)[:, 2])
+    return np.array(heights)
 
 
 def _fit(pressure_psi: float, measured_mm: NDArray[np.float64], simulated: CubicSpline) -> InflationFit:

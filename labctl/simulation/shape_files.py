@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pyevtk.vtk import VtkFile, VtkHexahedron, VtkUnstructuredGrid
 
 from labctl.atomic_file import atomic_file
-from labctl.simulation.subject import Simulated, sheet_frame_m
+from labctl.simulation.simulate import SimulatedSheet
 from sim.geometry import CENTRE_M, PITCH_M
 from sim.hexahedra import hexahedra
 from sim.sheet import elements_as_array, rest_positions_m
@@ -17,7 +17,7 @@ from sim.sheet import elements_as_array, rest_positions_m
 _Columns = NDArray[np.generic] | tuple[NDArray[np.generic], ...]
 
 
-def write_shape(path: Path, simulated: Simulated) -> None:
+def write_shape(path: Path, simulated: SimulatedSheet) -> None:
     """Write a shape in the format of the path's suffix, .npz or .vtu (docs/reference/voxel-files.md).
 
     Raises:
@@ -30,34 +30,33 @@ def write_shape(path: Path, simulated: Simulated) -> None:
             _write_npz(unfinished, simulated)
 
 
-def _write_npz(path: Path, simulated: Simulated) -> None:
-    subject = simulated.subject
+def _write_npz(path: Path, simulated: SimulatedSheet) -> None:
+    given, shape = simulated.input, simulated.shape
+    sheet = given.sheet
     said: dict[str, Any] = {
-        "positions_m": simulated.positions_m,
-        "orientations": simulated.orientations,
-        "voxels": subject.sheet.voxels(),
-        "material": subject.sheet.material,
-        "face_elements": elements_as_array(subject.sheet.face_elements)
-        if subject.sheet.face_elements
-        else None,
-        **vars(subject.sheet.materials),
+        "positions_m": shape.positions_m,
+        "orientations": shape.orientations,
+        "voxels": sheet.voxels(),
+        "material": sheet.material,
+        "face_elements": elements_as_array(sheet.face_elements) if sheet.face_elements else None,
+        **vars(sheet.materials),
         "pitch_m": PITCH_M,
-        "geometry": subject.cut.name if subject.known_cut else None,
+        "geometry": given.geometry.name if given.known_geometry else None,
         "solver": simulated.solver,
         "strain": simulated.held_strain,
-        "steps": simulated.steps,
+        "steps": shape.steps,
     }
     np.savez_compressed(path, **{key: value for key, value in said.items() if value is not None})
 
 
-def _write_vtu(path: Path, simulated: Simulated) -> None:
+def _write_vtu(path: Path, simulated: SimulatedSheet) -> None:
     """Hexahedra in the sheet frame, metres; pyevtk's own one-call writer puts field data where no reader looks."""
     sections = _sections(simulated)
     file = VtkFile(str(path.with_suffix("")), VtkUnstructuredGrid)
     try:
         file.openGrid()
         _add_field_data(file, simulated)
-        file.openPiece(npoints=len(sections["Points"]["points"][0]), ncells=len(simulated.positions_m))
+        file.openPiece(npoints=len(sections["Points"]["points"][0]), ncells=len(simulated.shape.positions_m))
         for section, arrays in sections.items():
             file.openElement(section)
             for name, columns in arrays.items():
@@ -73,15 +72,13 @@ def _write_vtu(path: Path, simulated: Simulated) -> None:
         file.xml.stream.close()
 
 
-def _sections(simulated: Simulated) -> dict[str, dict[str, _Columns]]:
+def _sections(simulated: SimulatedSheet) -> dict[str, dict[str, _Columns]]:
     """The arrays of each section of the file, in the order in which they are declared and appended."""
-    sheet = simulated.subject.sheet
+    sheet, shape = simulated.input.sheet, simulated.shape
     voxels = sheet.voxels()
-    points_m, rest_m, cells = hexahedra(
-        sheet, simulated.positions_m, simulated.orientations, simulated.strain
-    )
+    points_m, rest_m, cells = hexahedra(sheet, shape.positions_m, shape.orientations, shape.strain)
     return {
-        "Points": {"points": _vectors(sheet_frame_m(simulated.subject, points_m))},
+        "Points": {"points": _vectors(simulated.input.sheet_frame_m(points_m))},
         "Cells": {
             "connectivity": cells.ravel(),
             "offsets": np.arange(1, len(cells) + 1) * cells.shape[1],
@@ -91,15 +88,15 @@ def _sections(simulated: Simulated) -> dict[str, dict[str, _Columns]]:
         "CellData": {
             "material": sheet.material[tuple(voxels.T)],
             "voxel_ijk": _vectors(voxels),
-            "displacement_m": _vectors(simulated.positions_m - rest_positions_m(sheet)),
+            "displacement_m": _vectors(shape.positions_m - rest_positions_m(sheet)),
         },
     }
 
 
-def _add_field_data(file: VtkFile, simulated: Simulated) -> None:
+def _add_field_data(file: VtkFile, simulated: SimulatedSheet) -> None:
     file.openData("Field")
     for name, numbers in {
-        "strain": [simulated.strain],
+        "strain": [simulated.shape.strain],
         "pitch_m": [PITCH_M],
         "sheet_frame_centre_m": [CENTRE_M, CENTRE_M, 0.0],
     }.items():

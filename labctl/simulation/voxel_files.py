@@ -41,14 +41,14 @@ _MAX_ARRAY_BYTES = 100_000
 class VoxelFile:
     """A sheet as a file describes it.
 
-    `strain`: the one that the file asks to be held, if any; `cut`: which round cut of the grid its columns are,
-    None where they are neither; `ignored`: its keys that mean nothing here.
+    `strain`: the one that the file asks to be held, if any; `geometry`: whose columns it has,
+    None where they are those of no geometry; `ignored`: its keys that mean nothing here.
     """
 
     source: str
     sheet: Sheet
     strain: float | None
-    cut: Geometry | None
+    geometry: Geometry | None
     ignored: tuple[str, ...]
 
 
@@ -76,10 +76,10 @@ def read_voxels(path: Path) -> VoxelFile:
         sheet = Sheet(arrays["material"], Materials(**numbers), elements)
     except SimError as error:
         raise BadInput(f"{path}: {error}") from error
-    return VoxelFile(str(path), sheet, strain, cut_of(sheet), tuple(unknown))
+    return VoxelFile(str(path), sheet, strain, geometry_of_sheet(sheet), tuple(unknown))
 
 
-def cut_of(sheet: Sheet) -> Geometry | None:
+def geometry_of_sheet(sheet: Sheet) -> Geometry | None:
     """The geometry whose columns are exactly those that hold a voxel; None if there is none."""
     try:
         return geometry_of((sheet.material != EMPTY).any(axis=2))

@@ -5,7 +5,7 @@ import pytest
 
 from labctl.cli.main import run
 from labctl.config.load import load_design
-from labctl.simulation.patterns import simulate_pattern
+from labctl.simulation.simulate import simulate_pattern
 
 
 @pytest.fixture

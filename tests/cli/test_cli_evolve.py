@@ -11,7 +11,7 @@ from labctl.config.load import load_design
 from labctl.design_search.search_run import run_folders
 from labctl.doubles.rig_file import rig_toml
 from labctl.doubles.settings import DoublesSettings
-from labctl.simulation.patterns import sheet_of
+from labctl.simulation.sheets import pattern_sheet
 
 ONE_EACH = ("--representation", "exclusive", "--fibers-per-face", "1")
 SEARCH = ("--targets", "cylinder,sphere", "--population", "6", "--generations", "3", "--seed", "4")
@@ -67,7 +67,7 @@ def test_a_pick_is_the_sheet_that_was_scored(searched, capsys):
     design = load_design(out)
     assert sorted(design.patterns) == ["cylinder", "sphere"]
     for pattern, voxel_map in zip(("cylinder", "sphere"), settings.problem.maps(member.genome), strict=True):
-        assert sheet_of(design, pattern).material.tobytes() == voxel_map.material
+        assert pattern_sheet(design, pattern).material.tobytes() == voxel_map.material
         errors_mm = {name: error / 1e3 for name, error in shown_json["errors_mm"].items()}
         index = ("cylinder", "sphere").index(pattern)
         assert settings.problem.score(voxel_map).errors_m[index] == pytest.approx(

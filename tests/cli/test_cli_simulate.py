@@ -116,7 +116,7 @@ def test_people_are_told_what_was_written(tmp_path, slab, capsys):
     assert run(["simulate", "--voxels", slab(), "--out", str(tmp_path / "again.npz")]) == 0
     out = capsys.readouterr().out
     assert f"written: {tmp_path / 'again.npz'}" in out
-    assert "of no known cut" in out
+    assert "of no known geometry" in out
 
 
 def test_a_voxel_files_own_physics_counts(slab, capsys):
@@ -208,7 +208,7 @@ def test_plot_and_out_need_a_file_each(tmp_path, slab, capsys):
 
 def test_a_sheet_without_a_shape_says_where_and_when(slab, capsys, monkeypatch):
     failure = Failure("the lattice diverged", (13, 12, 2), "at step 5 of 10")
-    monkeypatch.setattr("sim.solver.Equilibrium.solve", lambda self, sheets: [failure])
+    monkeypatch.setattr("sim.solver.Equilibrium.solve", lambda self, sheets, starts=None: [failure])
 
     code, result, _ = told(capsys, "--voxels", slab())
 

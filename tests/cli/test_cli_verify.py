@@ -11,7 +11,7 @@ from labctl.config.load import design_text, load_design
 from labctl.ledger.records import EventRecord, SimulatedHeights
 from labctl.ledger.writer import LedgerWriter
 from labctl.plain_json import to_json
-from labctl.simulation.patterns import simulate_pattern
+from labctl.simulation.simulate import simulate_pattern
 from labctl.statistics.summary import summarise
 
 FRAMES = "raw/0001-five-trial/trial-02-1.frames.parquet"

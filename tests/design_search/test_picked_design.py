@@ -3,7 +3,7 @@ import pytest
 
 from labctl.config.load import design_from_text, design_text, load_design
 from labctl.design_search.picked_design import design_toml
-from labctl.simulation.patterns import sheet_of
+from labctl.simulation.sheets import pattern_sheet
 
 MEASURED = '\n[simulation]\nfibers = "elements"\njamming = "measured"\n'
 
@@ -36,7 +36,7 @@ def test_each_pattern_is_the_sheet_that_was_scored():
 
     maps = run.settings.problem.maps(run.checkpoint.front.members[0].genome)
     for target, voxel_map in zip(run.targets, maps, strict=True):
-        assert sheet_of(design, target).material.tobytes() == voxel_map.material
+        assert pattern_sheet(design, target).material.tobytes() == voxel_map.material
     assert maps[0] != maps[1]
 
 

@@ -27,12 +27,15 @@ def simulated(monkeypatch):
     """Patterns are flat at 5 mm; the solver and the surface that each was asked for."""
     asked = []
 
-    def heights_m(self, sheet, shape, surface):
-        asked.append((self.solver, surface))
-        return np.where(columns(PUBLISHED), 5e-3, np.nan)
+    class Flat:
+        def __init__(self, physics):
+            self.physics = physics
 
-    monkeypatch.setattr(Physics, "solve", lambda self, sheet: object())
-    monkeypatch.setattr(Physics, "heights_m", heights_m)
+        def height_field_m(self, surface):
+            asked.append((self.physics.solver, surface))
+            return np.where(columns(PUBLISHED), 5e-3, np.nan)
+
+    monkeypatch.setattr(Physics, "solve", lambda physics, sheet: Flat(physics))
     return asked
 
 

@@ -6,7 +6,7 @@ from evolve.problem import Physics
 from evolve.settings import differences
 from evolve.variation import DEFAULT_RATES, PUBLISHED_RATES
 from labctl.cli.evolve.options import SearchOptions, parse_seeds, search_options, search_request
-from labctl.cli.rigs import design_option
+from labctl.cli.options import design_option
 from labctl.config.load import design_text, load_design
 from labctl.design_search.search_request import search_settings
 from labctl.doubles.rig_file import rig_toml
@@ -53,12 +53,15 @@ def simulated(monkeypatch):
     """Patterns are flat at 1, 2, ... mm; the solver and the surface that each was asked for."""
     asked = []
 
-    def heights_m(self, sheet, shape, surface):
-        asked.append((self.solver, surface))
-        return np.where(columns(self.geometry), 1e-3 * len(asked), np.nan)
+    class Flat:
+        def __init__(self, physics):
+            self.physics = physics
 
-    monkeypatch.setattr(Physics, "solve", lambda self, sheet: object())
-    monkeypatch.setattr(Physics, "heights_m", heights_m)
+        def height_field_m(self, surface):
+            asked.append((self.physics.solver, surface))
+            return np.where(columns(self.physics.geometry), 1e-3 * len(asked), np.nan)
+
+    monkeypatch.setattr(Physics, "solve", lambda physics, sheet: Flat(physics))
     return asked
 
 

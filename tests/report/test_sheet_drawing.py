@@ -35,7 +35,7 @@ def test_fibers_lie_on_the_deformed_surface_from_end_to_end(slanted):
 
 
 def test_without_fibers_their_voxels_are_marked(slanted):
-    no_fibers = replace(slanted, subject=replace(slanted.subject, fibers=()))
+    no_fibers = replace(slanted, input=replace(slanted.input, fibers=()))
 
     jammed, idle = sheet_drawing(no_fibers).stiffeners
 
@@ -53,7 +53,7 @@ def test_a_voxel_files_elements_are_lines(slanted):
         FaceElement("bottom", (15, 14), (15, 15), False),
     )
     sheet = replace(build_sheet((), ()), face_elements=elements)
-    of_file = replace(slanted, subject=replace(slanted.subject, sheet=sheet, fibers=()))
+    of_file = replace(slanted, input=replace(slanted.input, sheet=sheet, fibers=()))
 
     jammed, idle = sheet_drawing(of_file).stiffeners
 

@@ -40,8 +40,10 @@ def test_the_surface_has_true_proportions_but_for_the_stated_height(slanted):
 
 
 def test_a_low_shape_is_drawn_higher_and_says_how_much(slanted):
-    rest_m = rest_positions_m(slanted.subject.sheet)
-    low = replace(slanted, positions_m=rest_m + (slanted.positions_m - rest_m) / 4)
+    rest_m = rest_positions_m(slanted.input.sheet)
+    low = replace(
+        slanted, shape=replace(slanted.shape, positions_m=rest_m + (slanted.shape.positions_m - rest_m) / 4)
+    )
 
     figure = sheet_figure(low)
 
@@ -64,10 +66,10 @@ def test_says_what_it_shows(slanted):
 
 
 def test_the_title_says_what_is_not_as_published(slanted):
-    materials = replace(slanted.subject.sheet.materials, jammed_bending_pa=137_800.0)
-    sheet = replace(slanted.subject.sheet, materials=materials)
+    materials = replace(slanted.input.sheet.materials, jammed_bending_pa=137_800.0)
+    sheet = replace(slanted.input.sheet, materials=materials)
 
-    figure = sheet_figure(replace(slanted, subject=replace(slanted.subject, sheet=sheet)))
+    figure = sheet_figure(replace(slanted, input=replace(slanted.input, sheet=sheet)))
 
     assert figure._suptitle.get_text().endswith("\na jammed fiber bends with 137.8 kPa")
 
@@ -95,8 +97,9 @@ def test_every_format_is_written(slanted, tmp_path, suffix, begins):
 
 
 def test_an_uninflated_sheet_with_a_strange_name_can_be_drawn(slanted, tmp_path):
-    subject = replace(slanted.subject, name="$a_{1}$ {" + "long " * 40)
-    flat = replace(slanted, subject=subject, positions_m=rest_positions_m(subject.sheet))
+    given = replace(slanted.input, name="$a_{1}$ {" + "long " * 40)
+    shape = replace(slanted.shape, positions_m=rest_positions_m(given.sheet))
+    flat = replace(slanted, input=given, shape=shape)
 
     write_sheet_plot(tmp_path / "flat.png", flat)
 
@@ -104,16 +107,16 @@ def test_an_uninflated_sheet_with_a_strange_name_can_be_drawn(slanted, tmp_path)
 
 
 def test_letters_that_the_font_lacks_warn_nobody(slanted, tmp_path):
-    subject = replace(slanted.subject, name="design \u677f, pattern one")
+    given = replace(slanted.input, name="design \u677f, pattern one")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        write_sheet_plot(tmp_path / "sheet.png", replace(slanted, subject=subject))
+        write_sheet_plot(tmp_path / "sheet.png", replace(slanted, input=given))
 
 
 def test_a_long_name_is_shortened_in_its_middle(slanted):
-    subject = replace(slanted.subject, name="begins " + "long " * 40 + "ends")
+    given = replace(slanted.input, name="begins " + "long " * 40 + "ends")
 
-    name = sheet_figure(replace(slanted, subject=subject))._suptitle.get_text().splitlines()[0]
+    name = sheet_figure(replace(slanted, input=given))._suptitle.get_text().splitlines()[0]
 
     assert len(name) == 80
     assert name.startswith("begins ")

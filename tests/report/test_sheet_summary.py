@@ -7,10 +7,10 @@ from sim.sheet import FaceElement, Sheet
 
 def as_elements(simulated):
     """The same shape, its fibers declared elements that bend with another modulus."""
-    sheet = simulated.subject.sheet
+    sheet = simulated.input.sheet
     element = FaceElement("top", (12, 12), (12, 13), True)
     changed = Sheet(sheet.material, Materials(jammed_bending_pa=137_800.0), (element,))
-    return replace(simulated, subject=replace(simulated.subject, sheet=changed))
+    return replace(simulated, input=replace(simulated.input, sheet=changed))
 
 
 def test_published_fibers_need_no_line(slanted):

@@ -6,17 +6,17 @@ from sim.geometry import CENTRED, PUBLISHED, column_at, columns, geometry, geome
 
 
 def test_each_geometry_has_its_number_of_columns_across_and_in_all():
-    for cut, across, count in ((PUBLISHED, 27, 609), (CENTRED, 28, 616)):
-        sheet = columns(cut)
+    for of, across, count in ((PUBLISHED, 27, 609), (CENTRED, 28, 616)):
+        sheet = columns(of)
         assert sheet.sum() == count
         assert sheet.any(axis=0).sum() == sheet.any(axis=1).sum() == across
 
 
 def test_both_geometries_are_centred_on_the_sheet_frame():
-    for cut in (PUBLISHED, CENTRED):
-        i, j = np.nonzero(columns(cut))
-        assert np.mean([cut.to_sheet_m(n) for n in i]) == pytest.approx(0.070)
-        assert np.mean([cut.to_sheet_m(n) for n in j]) == pytest.approx(0.070)
+    for of in (PUBLISHED, CENTRED):
+        i, j = np.nonzero(columns(of))
+        assert np.mean([of.to_sheet_m(n) for n in i]) == pytest.approx(0.070)
+        assert np.mean([of.to_sheet_m(n) for n in j]) == pytest.approx(0.070)
 
 
 def test_x_goes_with_i_and_y_with_j():
@@ -26,9 +26,9 @@ def test_x_goes_with_i_and_y_with_j():
 
 
 def test_every_column_is_found_at_its_own_centre():
-    for cut in (PUBLISHED, CENTRED):
-        for i, j in np.argwhere(columns(cut)):
-            assert column_at(cut, cut.to_sheet_m(i), cut.to_sheet_m(j)) == (i, j)
+    for of in (PUBLISHED, CENTRED):
+        for i, j in np.argwhere(columns(of)):
+            assert column_at(of, of.to_sheet_m(i), of.to_sheet_m(j)) == (i, j)
 
 
 @pytest.mark.parametrize("x_m, y_m", [(0.0, 0.0), (-0.01, 0.07), (0.07, 0.30), (float("nan"), 0.07)])
@@ -44,8 +44,8 @@ def test_a_geometry_is_found_by_its_name():
 
 
 def test_a_geometry_is_known_by_its_columns():
-    for cut in (PUBLISHED, CENTRED):
-        assert geometry_of(columns(cut)) is cut
+    for of in (PUBLISHED, CENTRED):
+        assert geometry_of(columns(of)) is of
     holed = columns(PUBLISHED)
     holed[13, 13] = False
     with pytest.raises(

@@ -20,13 +20,19 @@ def read_vtu(tmp_path):
     return write_and_read
 
 
+def at_strain(simulated, strain):
+    raw = replace(simulated.shape.raw, strain=strain)
+    return replace(simulated, shape=replace(simulated.shape, raw=raw))
+
+
 def jacobians_m3(mesh):
     corner = mesh.points[mesh.cells_dict["hexahedron"]]
     return np.linalg.det(np.stack([corner[:, other] - corner[:, 0] for other in (1, 3, 4)], axis=1))
 
 
 def test_an_undeformed_sheet_in_paraview_is_cubes_of_5_mm(slanted, read_vtu):
-    mesh = read_vtu(replace(slanted, positions_m=rest_positions_m(slanted.subject.sheet)))
+    shape = replace(slanted.shape, positions_m=rest_positions_m(slanted.input.sheet))
+    mesh = read_vtu(replace(slanted, shape=shape))
 
     np.testing.assert_allclose(jacobians_m3(mesh), 0.005**3)
     assert len(mesh.cells_dict["hexahedron"]) == 1827
@@ -48,7 +54,7 @@ def test_a_voxel_in_paraview_lies_where_the_sheet_frame_has_it(slanted, read_vtu
 
 
 def test_paraviews_file_says_what_it_holds(slanted, read_vtu):
-    field = read_vtu(replace(slanted, strain=0.125)).field_data
+    field = read_vtu(at_strain(slanted, 0.125)).field_data
 
     assert field["strain"].ravel().tolist() == [0.125]
     assert field["pitch_m"].ravel().tolist() == [0.005]
@@ -56,19 +62,19 @@ def test_paraviews_file_says_what_it_holds(slanted, read_vtu):
 
 
 def test_an_npz_is_a_voxel_file_again(slanted, tmp_path):
-    write_shape(tmp_path / "sheet.npz", replace(slanted, strain=0.125))
+    write_shape(tmp_path / "sheet.npz", at_strain(slanted, 0.125))
     again = read_voxels(tmp_path / "sheet.npz")
 
-    assert (again.sheet.material == slanted.subject.sheet.material).all()
-    assert again.sheet.materials == slanted.subject.sheet.materials
-    assert (again.strain, again.cut, again.ignored) == (0.125, PUBLISHED, ())
+    assert (again.sheet.material == slanted.input.sheet.material).all()
+    assert again.sheet.materials == slanted.input.sheet.materials
+    assert (again.strain, again.geometry, again.ignored) == (0.125, PUBLISHED, ())
 
 
 def test_an_npz_holds_the_shape(slanted, tmp_path):
     write_shape(tmp_path / "sheet.npz", slanted)
     with np.load(tmp_path / "sheet.npz") as result:
-        assert (result["positions_m"] == slanted.positions_m).all()
-        assert (result["voxels"] == slanted.subject.sheet.voxels()).all()
+        assert (result["positions_m"] == slanted.shape.positions_m).all()
+        assert (result["voxels"] == slanted.input.sheet.voxels()).all()
         assert result["orientations"].shape == (1827, 4)
         assert (result["solver"], result["geometry"], result["steps"]) == ("equilibrium", "published", 7)
         assert result["strain"] == 0.0

@@ -38,15 +38,15 @@ def test_a_strain_and_whole_numbers_are_taken(written):
     assert (file.strain, file.sheet.materials.passive_pa) == (0.25, 90_000.0)
 
 
-@pytest.mark.parametrize("cut", [PUBLISHED, CENTRED])
-def test_the_cut_is_known_by_its_columns(written, cut):
-    assert read_voxels(written(material=build_sheet([], [], cut).material)).cut == cut
+@pytest.mark.parametrize("geometry", [PUBLISHED, CENTRED])
+def test_the_geometry_is_known_by_its_columns(written, geometry):
+    assert read_voxels(written(material=build_sheet([], [], geometry).material)).geometry == geometry
 
 
-def test_another_outline_is_no_cut_that_is_known(written):
+def test_another_outline_is_no_geometry_that_is_known(written):
     material = MATERIAL.copy()
     material[13, 26] = 0
-    assert read_voxels(written(material=material)).cut is None
+    assert read_voxels(written(material=material)).geometry is None
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.config.design import Fiber
-from labctl.simulation.subject import Simulated, Subject, sheet_frame_m, top_rise_mm
+from labctl.simulation.sheets import SimulationInput
+from labctl.simulation.simulate import SimulatedSheet
 from sim.geometry import GRID
 from sim.heights import material_points
 from sim.materials import JAMMED, UNJAMMED
@@ -51,42 +52,42 @@ class SheetDrawing:
         return self.surface_mm[:, :, 2]
 
 
-def sheet_drawing(simulated: Simulated) -> SheetDrawing:
+def sheet_drawing(simulated: SimulatedSheet) -> SheetDrawing:
     """What to draw of a simulated sheet: a design's fibers as lines, a voxel file's fiber voxels as cells.
 
     A voxel file's elements are lines too.
     """
-    subject = simulated.subject
-    places_mm = np.array([subject.cut.to_sheet_m(index) for index in range(GRID[0])]) * 1e3
+    given = simulated.input
+    places_mm = np.array([given.geometry.to_sheet_m(index) for index in range(GRID[0])]) * 1e3
     surface_mm = _surface_mm(simulated)
-    if subject.fibers:
-        stiffeners = tuple(_line(simulated, fiber, jammed) for fiber, jammed in subject.fibers)
+    if given.fibers:
+        stiffeners = tuple(_line(simulated, fiber, jammed) for fiber, jammed in given.fibers)
     else:
-        stiffeners = _cells(subject, surface_mm, places_mm) + _elements(subject, surface_mm, places_mm)
+        stiffeners = _cells(given, surface_mm, places_mm) + _elements(given, surface_mm, places_mm)
     return SheetDrawing(surface_mm, places_mm, places_mm, stiffeners)
 
 
-def _surface_mm(simulated: Simulated) -> NDArray[np.float64]:
-    i, j, _ = simulated.subject.sheet.voxels().T
+def _surface_mm(simulated: SimulatedSheet) -> NDArray[np.float64]:
+    i, j, _ = simulated.input.sheet.voxels().T
     surface_mm = np.full((*GRID[:2], 3), np.nan)
-    surface_mm[i, j] = sheet_frame_m(simulated.subject, simulated.positions_m) * 1e3
-    surface_mm[:, :, 2] = top_rise_mm(simulated)
+    surface_mm[i, j] = simulated.input.sheet_frame_m(simulated.shape.positions_m) * 1e3
+    surface_mm[:, :, 2] = simulated.top_rise_mm
     return surface_mm
 
 
-def _line(simulated: Simulated, fiber: Fiber, jammed: bool) -> Stiffener:
+def _line(simulated: SimulatedSheet, fiber: Fiber, jammed: bool) -> Stiffener:
     along = np.linspace(0.0, 1.0, _POINTS_A_FIBER)[:, None]
     places_mm = (1 - along) * np.array(fiber.start_mm) + along * np.array(fiber.end_mm)
     points_m = material_points(
-        simulated.subject.sheet, simulated.subject.cut, simulated.positions_m, places_mm / 1e3
+        simulated.input.sheet, simulated.input.geometry, simulated.shape.positions_m, places_mm / 1e3
     )
     return Stiffener("line", jammed, fiber.face == "top", points_m * 1e3, places_mm[[0, -1]])
 
 
 def _cells(
-    subject: Subject, surface_mm: NDArray[np.float64], places_mm: NDArray[np.float64]
+    given: SimulationInput, surface_mm: NDArray[np.float64], places_mm: NDArray[np.float64]
 ) -> tuple[Stiffener, ...]:
-    material = subject.sheet.material
+    material = given.sheet.material
     found = []
     for code in (JAMMED, UNJAMMED):
         for on_top in (True, False):
@@ -100,11 +101,11 @@ def _cells(
 
 
 def _elements(
-    subject: Subject, surface_mm: NDArray[np.float64], places_mm: NDArray[np.float64]
+    given: SimulationInput, surface_mm: NDArray[np.float64], places_mm: NDArray[np.float64]
 ) -> tuple[Stiffener, ...]:
     """Elements as lines; those that continue one another are one line, so that its dashes go through."""
     lines: list[tuple[FaceElement, list[tuple[int, int]]]] = []
-    for element in subject.sheet.face_elements:
+    for element in given.sheet.face_elements:
         if lines and _goes_on(*lines[-1], element):
             lines[-1][1].append(element.end)
         else:

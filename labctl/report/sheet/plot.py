@@ -11,13 +11,13 @@ from labctl.report.sheet.drawing import sheet_drawing
 from labctl.report.sheet.panels import COLOURS, HeightRange, draw_height_map, draw_surface
 from labctl.report.sheet.stiffener_style import handles
 from labctl.report.sheet.summary import unpublished_physics
-from labctl.simulation.subject import Simulated
+from labctl.simulation.simulate import SimulatedSheet
 
 _SIZE_IN, _DOTS_PER_IN, _MARGIN_IN = (15.0, 8.0), 110, 0.2
 _LONGEST_NAME = 80
 
 
-def write_sheet_plot(path: Path, simulated: Simulated) -> None:
+def write_sheet_plot(path: Path, simulated: SimulatedSheet) -> None:
     """Draw a simulated sheet into a .png, .svg or .pdf.
 
     Raises:
@@ -30,7 +30,7 @@ def write_sheet_plot(path: Path, simulated: Simulated) -> None:
         )
 
 
-def sheet_figure(simulated: Simulated) -> Figure:
+def sheet_figure(simulated: SimulatedSheet) -> Figure:
     """The picture: the surface on the left, the height map in the sheet frame on the right."""
     drawing = sheet_drawing(simulated)
     heights = HeightRange.of(drawing.rise_mm)
@@ -49,11 +49,11 @@ def sheet_figure(simulated: Simulated) -> Figure:
     return figure
 
 
-def _title(simulated: Simulated) -> str:
-    subject = simulated.subject
+def _title(simulated: SimulatedSheet) -> str:
+    given = simulated.input
     if simulated.solver == "dynamic":
-        how = f"published protocol, strain {simulated.strain:.4f} at its end, solver dynamic"
+        how = f"published protocol, strain {simulated.shape.strain:.4f} at its end, solver dynamic"
     else:
-        pressure = "" if subject.pressure_psi is None else f" ({subject.pressure_psi:.2f} psi)"
-        how = f"held at strain {simulated.strain:.4f}{pressure}, solver equilibrium"
-    return "\n".join([shortened(subject.name, _LONGEST_NAME), how, *unpublished_physics(simulated)])
+        pressure = "" if given.pressure_psi is None else f" ({given.pressure_psi:.2f} psi)"
+        how = f"held at strain {simulated.shape.strain:.4f}{pressure}, solver equilibrium"
+    return "\n".join([shortened(given.name, _LONGEST_NAME), how, *unpublished_physics(simulated)])

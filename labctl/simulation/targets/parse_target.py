@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from labctl.config.design import Design
 from labctl.config.quantity import LENGTH, to_unit
 from labctl.errors import BadInput
-from labctl.simulation.targets.files import target_from_file
 from labctl.simulation.targets.formula import parse_formula
+from labctl.simulation.targets.target_file import target_from_file
 from sim.errors import SimError
 from sim.geometry import Geometry
 from sim.targets.shapes import cylinder, monkey_saddle, radius_of_rise_m, saddle, sphere_cap
@@ -24,8 +24,8 @@ _EQUATION = re.compile(r"z\s*=(?P<formula>.*)", re.DOTALL)
 _FILE = re.compile(r"(?P<path>.+\.csv)(?::(?P<column>[^/:]+))?", re.IGNORECASE | re.DOTALL)
 _ROUND: dict[str, Callable[[Geometry, float], Target]] = {
     "sphere-cap": sphere_cap,
-    "cylinder-x": lambda cut, radius_m: cylinder(cut, "x", radius_m),
-    "cylinder-y": lambda cut, radius_m: cylinder(cut, "y", radius_m),
+    "cylinder-x": lambda geometry, radius_m: cylinder(geometry, "x", radius_m),
+    "cylinder-y": lambda geometry, radius_m: cylinder(geometry, "y", radius_m),
 }
 _SADDLES: dict[str, Callable[[Geometry, float], Target]] = {"saddle": saddle, "monkey-saddle": monkey_saddle}
 # Far beyond any sheet; further out the arithmetic of arcs overflows. A limit may be off by its rounding.

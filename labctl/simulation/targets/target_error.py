@@ -15,7 +15,7 @@ from sim.targets.target import Target
 
 
 @dataclass(frozen=True)
-class TargetComparison:
+class TargetError:
     """e_s of one surface of a simulated sheet: as its heights stand, and shifted by their median difference."""
 
     target: Target
@@ -53,13 +53,13 @@ class TargetComparison:
         ]
 
 
-def compare_with_target(
+def target_error(
     target: Target,
     sheet: Sheet,
     positions_m: NDArray[np.float64],
     surface: Surface,
     scoring: Scoring = DEFAULT,
-) -> TargetComparison:
+) -> TargetError:
     """Score a surface of a simulated sheet; `positions_m` (n, 3) in the voxel frame, raw or registered.
 
     The scoring's own alignment is left aside: both are worked out.
@@ -75,7 +75,7 @@ def compare_with_target(
         )
     except SimError as error:
         raise BadInput(str(error)) from error
-    return TargetComparison(target, surface, scoring, as_it_stands, shifted)
+    return TargetError(target, surface, scoring, as_it_stands, shifted)
 
 
 def _figures(score: Score) -> str:

@@ -5,7 +5,7 @@ import pytest
 
 from labctl.errors import BadInput
 from labctl.simulation.targets.parse_target import parse_target
-from labctl.simulation.targets.target_error import compare_with_target
+from labctl.simulation.targets.target_error import target_error
 from sim.geometry import CENTRED, PUBLISHED
 from sim.heights import height_field_m
 from sim.score import PRESETS
@@ -14,7 +14,7 @@ from sim.sheet import build_sheet, rest_positions_m
 
 def compared(words, sheet, positions_m, surface="top", geometry=PUBLISHED, **scoring):
     target = parse_target(words, None, geometry, lambda pattern: None)
-    return compare_with_target(target, sheet, positions_m, surface, **scoring).for_machines()
+    return target_error(target, sheet, positions_m, surface, **scoring).for_machines()
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def test_a_pattern_against_itself_scores_nothing(golden, known):
         PUBLISHED,
         lambda name: height_field_m(shape.sheet, shape.at_rest_m, "bottom"),
     )
-    result = compare_with_target(target, shape.sheet, shape.at_rest_m, "bottom").for_machines()
+    result = target_error(target, shape.sheet, shape.at_rest_m, "bottom").for_machines()
     assert (result["e_s_mm"], result["e_s_percent"], result["offset_mm"]) == (0.0, 0.0, 0.0)
 
 
@@ -85,7 +85,7 @@ def test_the_published_scoring_compares_31_columns_in_whole_mm(golden):
 def test_people_read_the_same_figures(bent):
     sheet, positions_m = bent
     target = parse_target("saddle:20mm", None, CENTRED, lambda pattern: None)
-    comparison = compare_with_target(target, sheet, positions_m, "top")
+    comparison = target_error(target, sheet, positions_m, "top")
     result, text = comparison.for_machines(), "\n".join(comparison.for_people())
     for figure in (
         f"{result['e_s_mm']:.3f} mm",
@@ -96,12 +96,12 @@ def test_people_read_the_same_figures(bent):
         assert figure in text
     assert f"with the sheet lowered by {result['offset_mm']:.2f} mm" in text
     sunk_m = positions_m - np.array([0, 0, 0.010])
-    assert "with the sheet raised by" in compare_with_target(target, sheet, sunk_m, "top").for_people()[-1]
+    assert "with the sheet raised by" in target_error(target, sheet, sunk_m, "top").for_people()[-1]
 
 
 def test_a_flat_target_has_no_percentage_for_people_or_machines(bent):
     target = parse_target("z = 3", None, CENTRED, lambda pattern: None)
-    comparison = compare_with_target(target, *bent, "bottom")
+    comparison = target_error(target, *bent, "bottom")
     assert json.loads(json.dumps(comparison.for_machines()))["e_s_percent"] is None
     assert "3.000 mm (no percentage, the target is flat)" in comparison.for_people()[1]
 

@@ -27,15 +27,15 @@ def refused(words, design=None):
 @pytest.mark.parametrize(
     ("words", "made"),
     [
-        ("sphere-cap:15mm", lambda cut: sphere_cap(cut, radius_of_rise_m(15 * MM))),
-        ("sphere-cap:-1.5 cm", lambda cut: sphere_cap(cut, radius_of_rise_m(-15 * MM))),
-        ("sphere-cap:radius=150mm", lambda cut: sphere_cap(cut, 0.150)),
-        ("cylinder-x:15", lambda cut: cylinder(cut, "x", radius_of_rise_m(15 * MM))),
-        ("cylinder-y:radius=-20cm", lambda cut: cylinder(cut, "y", -0.2)),
-        ("sphere-cap:1 um", lambda cut: sphere_cap(cut, radius_of_rise_m(1e-6))),
-        ("cylinder-x:radius=-1 km", lambda cut: cylinder(cut, "x", -1e3)),
-        ("saddle:20mm", lambda cut: saddle(cut, 20 * MM)),
-        ("monkey-saddle:-8mm", lambda cut: monkey_saddle(cut, -8 * MM)),
+        ("sphere-cap:15mm", lambda of: sphere_cap(of, radius_of_rise_m(15 * MM))),
+        ("sphere-cap:-1.5 cm", lambda of: sphere_cap(of, radius_of_rise_m(-15 * MM))),
+        ("sphere-cap:radius=150mm", lambda of: sphere_cap(of, 0.150)),
+        ("cylinder-x:15", lambda of: cylinder(of, "x", radius_of_rise_m(15 * MM))),
+        ("cylinder-y:radius=-20cm", lambda of: cylinder(of, "y", -0.2)),
+        ("sphere-cap:1 um", lambda of: sphere_cap(of, radius_of_rise_m(1e-6))),
+        ("cylinder-x:radius=-1 km", lambda of: cylinder(of, "x", -1e3)),
+        ("saddle:20mm", lambda of: saddle(of, 20 * MM)),
+        ("monkey-saddle:-8mm", lambda of: monkey_saddle(of, -8 * MM)),
     ],
 )
 def test_a_shape_by_its_name_and_size(geometry, words, made):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from labctl.errors import BadInput
-from labctl.simulation.targets.files import target_from_file
+from labctl.simulation.targets.target_file import target_from_file
 from sim.geometry import CENTRED, PUBLISHED, columns
 from sim.heights import height_field_m
 from sim.score import DEFAULT, PUBLISHED_SADDLES, PUBLISHED_SPHERE_CYLINDER, simulation_error

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.errors import BadInput
-from labctl.simulation.targets.csv_table import PLACES, HeightTable, read_table, some
+from labctl.simulation.targets.height_table import PLACES, HeightTable, read_table, some
 from sim.errors import SimError
 from sim.geometry import GRID, Geometry, columns, geometry_of
 from sim.targets.cloud import first_twins, target_from_points
