@@ -8,7 +8,7 @@ from typing import Literal
 
 import pandas as pd
 
-from labctl.atomic_folder import atomic_folder
+from labctl.atomic_files import atomic_folder
 from labctl.errors import BadInput
 from labctl.export.c3d_file import write_c3d
 from labctl.export.motion import motion_of

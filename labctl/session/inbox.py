@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 from typing import Literal
 
-from labctl.atomic_file import atomic_file
+from labctl.atomic_files import atomic_file
 from labctl.clock import Clock
 from labctl.errors import BadInput, LabError
 

@@ -73,7 +73,7 @@ def pick(
     as_json: bool,
 ) -> None:
     """Write a layout of a run's front as a design file, for labctl inflate --design."""
-    from labctl.atomic_file import atomic_file
+    from labctl.atomic_files import atomic_file
     from labctl.design_search.errors import lab_errors
     from labctl.design_search.picked_design import design_toml
     from labctl.design_search.search_run import load_runs

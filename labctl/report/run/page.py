@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from labctl.atomic_file import atomic_file, check_writable
+from labctl.atomic_files import atomic_file, check_writable
 from labctl.errors import BadInput
 from labctl.report.page import Table, filled_in
 from labctl.report.picture_style import picture_style, picture_uri
