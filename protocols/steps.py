@@ -64,7 +64,7 @@ def capture_baseline(rig: RigConfig) -> Step:
     def do(bench: Bench) -> None:
         start_s = bench.rig.clock.now_s()
         bench.rig.capture(rig.limits.capture_s)
-        bench.mark(Window("baseline", start_s, bench.rig.clock.now_s()))
+        bench.mark_window(Window("baseline", start_s, bench.rig.clock.now_s()))
 
     return _capturing("capture the uninflated sheet", rig, do)
 
@@ -138,8 +138,8 @@ def capture_level(pressure_psi: float, rig: RigConfig) -> Step:
     def do(bench: Bench) -> None:
         start_s = bench.rig.clock.now_s()
         _, hold = bench.rig.capture(rig.limits.capture_s)
-        bench.mark(Window("level", start_s, bench.rig.clock.now_s(), pressure_psi))
-        bench.show(f"{hold.mean_psi:.2f} psi")
+        bench.mark_window(Window("level", start_s, bench.rig.clock.now_s(), pressure_psi))
+        bench.show_progress(f"{hold.mean_psi:.2f} psi")
 
     return _capturing(f"capture the sheet at {pressure_psi:.2f} psi", rig, do, pressure_psi)
 
@@ -163,7 +163,7 @@ def watch_the_sheet_relax(seconds: float) -> Step:
     def do(bench: Bench) -> None:
         start_s = bench.rig.clock.now_s()
         bench.rig.wait(seconds)
-        bench.mark(Window("relaxing", start_s, bench.rig.clock.now_s()))
+        bench.mark_window(Window("relaxing", start_s, bench.rig.clock.now_s()))
 
     return Step(f"record the sheet for {seconds:g} s after venting", seconds, seconds + _MARGIN_S, do)
 
@@ -193,7 +193,7 @@ def _wait_until_still(bench: Bench, timeout_s: float, setting: str) -> None:
             _require_seen(bench, [place_mm for _, place_mm in seen])
             if moved_mm < wanted.still_mm:
                 return
-            bench.show(f"moved {moved_mm:.2f} mm in {span_s:.0f} s")
+            bench.show_progress(f"moved {moved_mm:.2f} mm in {span_s:.0f} s")
         if clock.now_s() > end_s:
             raise InstrumentError(
                 f"the sheet was not still within {timeout_s:g} s: it moved {moved_mm:.3f} mm (root mean square) in "
@@ -228,4 +228,4 @@ def _moved_mm(before_mm: NDArray[np.float64], after_mm: NDArray[np.float64]) -> 
 
 
 def _show(bench: Bench, reading: PressureReading) -> None:
-    bench.show(f"{reading.gauge_psi:.2f} psi")
+    bench.show_progress(f"{reading.gauge_psi:.2f} psi")

@@ -19,6 +19,11 @@ class Identity:
     setpoint_source: str | None = None
     notes: tuple[str, ...] = ()
 
+    def describe(self) -> str:
+        """Model, serial number and firmware as text; "not reported" where the wire does not carry one."""
+        number, firmware = self.serial_number or "not reported", self.firmware or "not reported"
+        return f"{self.model}, serial number {number}, firmware {firmware}"
+
 
 @dataclass(frozen=True)
 class PressureReading:

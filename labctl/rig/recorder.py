@@ -24,7 +24,7 @@ class Recorder(Protocol):
         ...
 
 
-def kept_by(recorder: Recorder, take: Callable[[_T], None]) -> Callable[[_T], None]:
+def errors_to_recorder(recorder: Recorder, take: Callable[[_T], None]) -> Callable[[_T], None]:
     """`take`, but an error goes to the recorder: neither the stream nor the watch may end for it."""
 
     def take_or_keep(item: _T) -> None:

@@ -15,7 +15,7 @@ from labctl.errors import InstrumentError, Unsafe
 from labctl.instruments.readings import MarkerFrames, PressureReading
 from labctl.rig.instruments import RigInstruments
 from labctl.rig.platform import SYSTEM, Platform
-from labctl.rig.recorder import Recorder, kept_by
+from labctl.rig.recorder import Recorder, errors_to_recorder
 from labctl.rig.trace import PressureTrace
 from labctl.safety.safe_state import SafeReport
 from labctl.safety.supervisor import Supervisor
@@ -251,8 +251,8 @@ class Rig:
     def recording(self, recorder: Recorder) -> Iterator[None]:
         """While inside, `recorder` gets every frame that comes and every pressure that is read, the vent's too."""
         with ExitStack() as observing:
-            take_pressure = kept_by(recorder, recorder.take_pressure)
-            take_frames = kept_by(recorder, recorder.take_frames)
+            take_pressure = errors_to_recorder(recorder, recorder.take_pressure)
+            take_frames = errors_to_recorder(recorder, recorder.take_frames)
             observing.enter_context(self._supervisor.observing(take_pressure))
             observing.enter_context(self._instruments.feed.observing(take_frames))
             yield

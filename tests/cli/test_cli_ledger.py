@@ -117,7 +117,7 @@ def test_show_tells_how_a_run_was_made_and_what_came_of_it(folder, capsys):
     assert out.startswith("SIMULATED RIG: measured on byte-level doubles")
     assert "run 1: five-trial, finished" in out
     assert "by Ada" in out
-    assert "asked for  patterns sphere; pressures_psi 3.9; trials 5; attempts 3; placements neat" in out
+    assert "request    patterns sphere; pressures_psi 3.9; trials 5; attempts 3; placements neat" in out
     assert "regulator  PCD, serial number not reported, firmware not reported" in out
     assert "none: it ran outside of a checkout" in out
     assert "trial 2, attempt 1, failed: 7 of 16 points seen" in out

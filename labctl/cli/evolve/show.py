@@ -283,6 +283,8 @@ def _rescored(runs: "list[SearchRun]") -> "list[tuple[Member, ...] | None]":
             stop_on_signals(doing="stopping") as stop,
             Processes(problem, len(os.sched_getaffinity(0))) as pool,
         ):
-            return [rescored(_shown(run), problem, pool, time.monotonic, lambda: stop.asked) for run in runs]
+            return [
+                rescored(_shown(run), problem, pool, time.monotonic, lambda: stop.requested) for run in runs
+            ]
     except SearchStopped as error:
         raise Stopped("stopped; nothing was changed") from error

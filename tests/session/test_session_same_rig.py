@@ -1,4 +1,4 @@
-"""Going on with a run: only on a rig that measures as the one that began it."""
+"""A run is continued only on a rig that measures as the one it was started on."""
 
 from dataclasses import asdict, replace
 
@@ -9,7 +9,7 @@ from labctl.config.load import load_design, rig_from_text
 from labctl.doubles.rig_file import rig_toml
 from labctl.doubles.settings import DoublesSettings
 from labctl.errors import BadInput
-from labctl.session.resume import require_same_rig
+from labctl.session.continuation import require_same_rig
 
 CONFIG = rig_from_text(
     rig_toml(DoublesSettings(design=load_design("known")), "/dev/null", "/dev/zero", "127.0.0.1", 0),
@@ -32,24 +32,24 @@ def test_of_many_points_the_one_that_moved_is_named():
     points = list(CONFIG.markers.points)
     points[3] = replace(points[3], x_mm=36.0)
 
-    told = refusal(points=tuple(points))
+    message = refusal(points=tuple(points))
 
-    assert "markers.points.03.x_mm was 35.0 and is 36.0" in told
-    assert "points.02" not in told
+    assert "markers.points.03.x_mm was 35.0 and is 36.0" in message
+    assert "points.02" not in message
 
 
 def test_a_point_that_is_gone_is_named():
-    told = refusal(points=CONFIG.markers.points[:-1])
+    message = refusal(points=CONFIG.markers.points[:-1])
 
-    assert "markers.points.15 was {'id': 15" in told
-    assert "and is nothing" in told
+    assert "markers.points.15 was {'id': 15" in message
+    assert "and is nothing" in message
 
 
 def test_of_very_many_differences_the_first_are_named():
     points = tuple(replace(point, x_mm=point.x_mm + 1) for point in CONFIG.markers.points)
 
-    told = refusal(points=points)
+    message = refusal(points=points)
 
-    assert "markers.points.05.x_mm" in told
-    assert "markers.points.06.x_mm" not in told
-    assert "; and 10 more. Set it back in" in told
+    assert "markers.points.05.x_mm" in message
+    assert "markers.points.06.x_mm" not in message
+    assert "; and 10 more. Set it back in" in message
