@@ -34,7 +34,7 @@ class Exported:
 
 
 def export_run(ledger: Ledger, run: RunRecord, kind: Format, folder: Path) -> Exported:
-    """Write a run into a new folder, whole or not at all.
+    """Write a run into a new folder, which is complete or not there.
 
     Raises:
         BadInput: something is there already, it cannot be written, or there is nothing to write.

@@ -61,7 +61,7 @@ def test_the_same_plan_is_continued(started):
         ({"pressures_psi": (1.4,)}, "trial 1 was neat rod at 1.5 psi; rod at 1.4 psi was not simulated"),
     ],
 )
-def test_a_protocol_that_plans_otherwise_by_now_does_not_go_on(started, options, message):
+def test_a_protocol_that_plans_otherwise_by_now_is_refused(started, options, message):
     lab, ledger, run = started
     with pytest.raises(BadInput, match=message):
         require_same_plan(ledger, run, planned(lab, **options))

@@ -37,7 +37,7 @@ def provenance(view: RunView) -> list[tuple[str, str]]:
 
 
 def instruments_table(run: RunRecord) -> Table:
-    """Who answered, with serial number and firmware."""
+    """The identity of each instrument: model, serial number, firmware, notes."""
     rows = tuple(
         (
             str(run.rig.get(name, {}).get("name", name)),
@@ -97,7 +97,7 @@ def events_table(view: RunView) -> Table:
 
 
 def rig_text(run: RunRecord) -> str:
-    """The whole configuration, for those who open it."""
+    """The rig's configuration in full, folded on the page."""
     return json.dumps(run.rig, indent=2, ensure_ascii=False)
 
 
@@ -108,11 +108,11 @@ def _in_order(identities: Mapping[str, Identity]) -> list[tuple[str, Identity]]:
 
 
 def _format_request(request: RunRequest) -> str:
-    asked = to_json(request)
-    protocol = asked.pop("protocol")
+    fields = to_json(request)
+    protocol = fields.pop("protocol")
     parts = [
         f"{name.replace('_psi', ', psi').replace('_', ' ')}: {_format_value(value)}"
-        for name, value in asked.items()
+        for name, value in fields.items()
         if value not in (None, [])
     ]
     return "; ".join([protocol, *parts])
