@@ -23,7 +23,7 @@ from labctl.cli.output import emit_json
 def report(runs: tuple[str, ...], out_path: Path | None, ledger_folder: Path, as_json: bool) -> None:
     """Write an HTML report of one or several runs.
 
-    RUN is a run's number, or "last". One file without links: figures, every attempt, provenance. Several runs are
+    RUN is a run's number, or "last". One self-contained file: figures, every attempt, provenance. Several runs are
     put side by side, and compared where they can be.
     """
     from labctl.report.run.page import write_run_page

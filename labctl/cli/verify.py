@@ -30,8 +30,8 @@ _DERIVING = ("labctl", "python", "numpy", "scipy")
 def verify(name: str, ledger_folder: Path, as_json: bool) -> int:
     """Compute every number of a run again from its raw recordings, and hash these again.
 
-    RUN is a run's number, or "last". The simulated heights are computed again too. Exit code 0: all agree, to the
-    last bit; 1: something does not, and is named.
+    RUN is a run's number, or "last". The simulated heights are computed again too. Exit code 0: all agree, measured
+    numbers to the last bit; 1: something does not, and is named.
     """
     from labctl.ledger.ledger import Ledger
     from labctl.verification.verify_run import verify_run

@@ -5,6 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+#: For people, in place of what an instrument's protocol or firmware does not carry.
+NOT_REPORTED = "not reported"
+
 
 @dataclass(frozen=True)
 class Identity:
@@ -21,7 +24,7 @@ class Identity:
 
     def describe(self) -> str:
         """Model, serial number and firmware as text; "not reported" where the wire does not carry one."""
-        number, firmware = self.serial_number or "not reported", self.firmware or "not reported"
+        number, firmware = self.serial_number or NOT_REPORTED, self.firmware or NOT_REPORTED
         return f"{self.model}, serial number {number}, firmware {firmware}"
 
 

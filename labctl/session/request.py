@@ -145,7 +145,7 @@ def _placements(protocol: Protocol, options: RunOptions, design: Design) -> tupl
     if options.placement is not None:
         # It heads a row of every table.
         if not options.placement.strip() or not options.placement.isprintable():
-            raise BadInput(f"--placement {options.placement!r}: write a word or a few, in one line")
+            raise BadInput(f"--placement {options.placement!r}: write a short name, in one line")
         return (options.placement,)
     used = frozenset().union(*(design.jammed(pattern) for pattern in options.patterns))
     is_neat = used == {fiber.id for fiber in design.fibers}

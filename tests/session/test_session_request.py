@@ -179,7 +179,7 @@ def test_a_plan_that_does_not_count_its_trials_is_refused(numbers):
 
 @pytest.mark.parametrize("placement", ["", " ", "one\ntwo", "\x1b[31mred"])
 def test_a_placement_is_text_in_one_line(placement):
-    with pytest.raises(BadInput, match=r"--placement .*: write a word or a few, in one line"):
+    with pytest.raises(BadInput, match=r"--placement .*: write a short name, in one line"):
         planned("five-trial", RunOptions(("sphere",), placement=placement))
 
 

@@ -1,6 +1,7 @@
 """A run is continued only on a rig that measures as the one it was started on."""
 
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import pytest
 from made_ledger import a_run
@@ -9,7 +10,7 @@ from labctl.config.load import load_design, rig_from_text
 from labctl.doubles.rig_file import rig_toml
 from labctl.doubles.settings import DoublesSettings
 from labctl.errors import BadInput
-from labctl.session.continuation import require_same_rig
+from labctl.session.continuation import changed_instruments, require_same_rig
 
 CONFIG = rig_from_text(
     rig_toml(DoublesSettings(design=load_design("known")), "/dev/null", "/dev/zero", "127.0.0.1", 0),
@@ -53,3 +54,15 @@ def test_of_very_many_differences_the_first_are_named():
     assert "markers.points.05.x_mm" in message
     assert "markers.points.06.x_mm" not in message
     assert "; and 10 more. Set it back in" in message
+
+
+def test_an_instrument_that_was_exchanged_is_reported_and_one_that_was_not_is_not():
+    run = a_run(rig=asdict(CONFIG))
+    before = run.identities["regulator"]
+    identities = {**run.identities, "regulator": replace(before, serial_number="112233")}
+    rig = SimpleNamespace(identities=SimpleNamespace(by_instrument=lambda: identities))
+
+    assert changed_instruments(run, rig) == (
+        f"regulator: the run was started with {before.model}, serial number not reported, firmware not reported; "
+        f"{before.model}, serial number 112233, firmware not reported answers now",
+    )

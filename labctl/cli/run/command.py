@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @click.option(
     "--trials",
     type=click.IntRange(1, 100),
-    help="Trials of each group.  [default: the protocol's]",
+    help="Trials of each placement, pattern and pressure.  [default: the protocol's]",
 )
 @click.option(
     "--attempts",

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from labctl.instruments.readings import Identity
+from labctl.instruments.readings import NOT_REPORTED, Identity
 from labctl.ledger.records import RunRecord, RunRequest
 from labctl.plain_json import to_json
 from labctl.report.page import Table
@@ -43,7 +43,12 @@ def instruments_table(run: RunRecord) -> Table:
             str(run.rig.get(name, {}).get("name", name)),
             *(
                 _format_value(part)
-                for part in (identity.model, identity.serial_number, identity.firmware, identity.notes)
+                for part in (
+                    identity.model,
+                    identity.serial_number or NOT_REPORTED,
+                    identity.firmware or NOT_REPORTED,
+                    identity.notes,
+                )
             ),
         )
         for name, identity in _in_order(run.identities)
