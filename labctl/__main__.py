@@ -14,7 +14,7 @@ def main() -> None:
         # A Ctrl-C while Python ends would only add its traceback.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     except KeyboardInterrupt:
-        # Everything is closed already: this cut off the last words only.
+        # Everything is closed already: this cut off the last lines only.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(code)
 

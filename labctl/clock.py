@@ -1,8 +1,8 @@
-"""Time as it is handed in: clocks, and the ways to wait by them.
+"""Clocks, and the events, locks and threads that wait by them, passed to whoever waits.
 
-Whoever waits, for a time, an event, a lock or a thread, does so by what is handed in. Real rigs get the machine's
-(`WallClock`); tests get one whose time passes only while everybody waits, so that they neither depend on how busy the
-machine is nor differ from run to run.
+No part that waits, for a time, an event, a lock or a thread, makes its own. Real rigs get the machine's
+(`WallClock`); tests get one whose time passes only while everybody waits, so that they neither depend on how
+busy the machine is nor differ from run to run.
 """
 
 import threading

@@ -1,6 +1,6 @@
 """What can go wrong, and the exit code that each kind ends a command with.
 
-Two families: `BadInput` (exit 2) is something that the person at the keyboard can mend before anything moves;
+Two families: `BadInput` (exit 2) is something that a person can correct before anything moves;
 every other `LabError` (exit 1) happened while the laboratory was working.
 """
 

@@ -9,7 +9,7 @@ _QUEUED = 200
 
 
 class NonBlockingOutput:
-    """Hands text to `write_out` on a thread of its own; `write` never waits and never raises.
+    """Writes text by `write_out` on a thread of its own; `write` never waits and never raises.
 
     While `write_out` is stuck, text is queued up to a bound and then dropped. What `write_out` raises (a closed
     pipe, a full disk) loses only that text.

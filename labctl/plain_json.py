@@ -100,7 +100,7 @@ def _reader(kind: Any) -> Reader:  # noqa: ANN401 - a type, or what typing makes
 
 
 def _simple_reader(kind: type) -> Reader:
-    # A whole number is a number, and stays what it is; a truth value is neither.
+    # An integer is a number, and stays an integer; a truth value is neither.
     fitting: tuple[type, ...] = (float, int) if kind is float else (kind,)
 
     def read(value: Any, where: str) -> Any:  # noqa: ANN401 - whatever JSON holds

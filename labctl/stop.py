@@ -1,4 +1,4 @@
-"""The operator's wish to stop: looked at between steps, never an exception out of nowhere."""
+"""The operator's request to stop: looked at between steps, never an exception out of nowhere."""
 
 from typing import Protocol
 
@@ -6,15 +6,15 @@ from labctl.errors import Stopped
 
 
 class StopRequest(Protocol):
-    """What ends a command early: set by whoever wants it to end, checked by whoever waits or acts."""
+    """What ends a command early: set by whoever requests the end, checked by whoever waits or acts."""
 
     def set(self, cause: str) -> None:
-        """Ask for a stop; the first cause is the one that is reported."""
+        """Request a stop; the first cause is the one that is reported."""
         ...
 
     @property
-    def asked(self) -> bool:
-        """Whether a stop was asked for."""
+    def requested(self) -> bool:
+        """Whether a stop was requested."""
         ...
 
     def check(self) -> None:
@@ -36,17 +36,17 @@ class OperatorStop:
         self._cause: str | None = None
 
     def set(self, cause: str) -> None:
-        """Ask for a stop; the first cause is the one that is reported."""
+        """Request a stop; the first cause is the one that is reported."""
         if self._cause is None:
             self._cause = cause
 
     @property
-    def asked(self) -> bool:
-        """Whether a stop was asked for."""
+    def requested(self) -> bool:
+        """Whether a stop was requested."""
         return self._cause is not None
 
     def check(self) -> None:
-        """Raise when a stop was asked for.
+        """Raise when a stop was requested.
 
         Raises:
             Stopped: naming the cause.

@@ -39,7 +39,7 @@ def inflate_once(pattern: str, pressure_psi: float, design: Design, rig: RigConf
 def repeated_trials(
     request: RunRequest, pressures_psi: tuple[float, ...], checklist: Checklist
 ) -> tuple[Trial, ...]:
-    """As many trials as were asked for of one pattern, each by the same checklist."""
+    """The requested number of trials of one pattern, each by the same checklist."""
     (pattern,), (placement,) = request.patterns, request.placements
     numbers = range(1, request.trials + 1)
     return tuple(Trial(number, placement, pattern, pressures_psi, checklist) for number in numbers)

@@ -13,7 +13,7 @@ from protocols.five_trial import inflate_once
 
 
 def _plan(request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
-    """All pressures once, then all again: what drifts over the hour falls on every pressure alike."""
+    """All pressures once, then all again: what drifts over the hour affects every pressure equally."""
     (pattern,), (placement,) = request.patterns, request.placements
     rounds = product(range(request.trials), request.pressures_psi)
     return tuple(

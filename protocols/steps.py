@@ -1,6 +1,6 @@
-"""The steps that protocols are made of, in the words of a checklist.
+"""The steps that protocols are made of.
 
-Each returns a `Step`: what it says, how long it lasts and may last, what it does.
+Each returns a `Step`: its line of the checklist, how long it lasts and may last, what it does.
 """
 
 from collections import deque
@@ -49,11 +49,11 @@ def wait_until_relaxed(rig: RigConfig) -> Step:
         uninflated.do(bench)
         _wait_until_still(bench, rig.measurement.relax_timeout_s, "relax_timeout")
 
-    wanted = rig.measurement
+    limits = rig.measurement
     return Step(
-        f"wait until the sheet has relaxed (moves less than {wanted.still_mm:g} mm in {wanted.still_over_s:g} s)",
+        f"wait until the sheet has relaxed (moves less than {limits.still_mm:g} mm in {limits.still_over_s:g} s)",
         lasts_s=_USUAL_STILL_S,
-        deadline_s=wanted.relax_timeout_s + uninflated.deadline_s,
+        deadline_s=limits.relax_timeout_s + uninflated.deadline_s,
         do=do,
     )
 
@@ -64,7 +64,7 @@ def capture_baseline(rig: RigConfig) -> Step:
     def do(bench: Bench) -> None:
         start_s = bench.rig.clock.now_s()
         bench.rig.capture(rig.limits.capture_s)
-        bench.mark(Window("baseline", start_s, bench.rig.clock.now_s()))
+        bench.mark_window(Window("baseline", start_s, bench.rig.clock.now_s()))
 
     return _capturing("capture the uninflated sheet", rig, do)
 
@@ -138,8 +138,8 @@ def capture_level(pressure_psi: float, rig: RigConfig) -> Step:
     def do(bench: Bench) -> None:
         start_s = bench.rig.clock.now_s()
         _, hold = bench.rig.capture(rig.limits.capture_s)
-        bench.mark(Window("level", start_s, bench.rig.clock.now_s(), pressure_psi))
-        bench.show(f"{hold.mean_psi:.2f} psi")
+        bench.mark_window(Window("level", start_s, bench.rig.clock.now_s(), pressure_psi))
+        bench.show_progress(f"{hold.mean_psi:.2f} psi")
 
     return _capturing(f"capture the sheet at {pressure_psi:.2f} psi", rig, do, pressure_psi)
 
@@ -163,7 +163,7 @@ def watch_the_sheet_relax(seconds: float) -> Step:
     def do(bench: Bench) -> None:
         start_s = bench.rig.clock.now_s()
         bench.rig.wait(seconds)
-        bench.mark(Window("relaxing", start_s, bench.rig.clock.now_s()))
+        bench.mark_window(Window("relaxing", start_s, bench.rig.clock.now_s()))
 
     return Step(f"record the sheet for {seconds:g} s after venting", seconds, seconds + _MARGIN_S, do)
 
@@ -180,36 +180,36 @@ def _wait_until_still(bench: Bench, timeout_s: float, setting: str) -> None:
     Raises:
         InstrumentError: they had not within `timeout_s`, or too few of them were seen all that time.
     """
-    wanted, clock = bench.rig.config.measurement, bench.rig.clock
+    limits, clock = bench.rig.config.measurement, bench.rig.clock
     end_s = clock.now_s() + timeout_s
     seen: deque[tuple[float, NDArray[np.float64]]] = deque()
     while True:
         place_mm = _mean_mm(bench)
         seen.append((clock.now_s(), place_mm))
-        while len(seen) > 1 and seen[-1][0] - seen[1][0] >= wanted.still_over_s:
+        while len(seen) > 1 and seen[-1][0] - seen[1][0] >= limits.still_over_s:
             seen.popleft()
         moved_mm, span_s = _moved_mm(seen[0][1], place_mm), seen[-1][0] - seen[0][0]
-        if span_s >= wanted.still_over_s:
+        if span_s >= limits.still_over_s:
             _require_seen(bench, [place_mm for _, place_mm in seen])
-            if moved_mm < wanted.still_mm:
+            if moved_mm < limits.still_mm:
                 return
-            bench.show(f"moved {moved_mm:.2f} mm in {span_s:.0f} s")
+            bench.show_progress(f"moved {moved_mm:.2f} mm in {span_s:.0f} s")
         if clock.now_s() > end_s:
             raise InstrumentError(
                 f"the sheet was not still within {timeout_s:g} s: it moved {moved_mm:.3f} mm (root mean square) in "
-                f"{span_s:.1f} s, and {wanted.still_mm:g} mm is the limit; look for a leak, or raise "
+                f"{span_s:.1f} s, and {limits.still_mm:g} mm is the limit; look for a leak, or raise "
                 f"measurement.still_within or measurement.{setting}"
             )
 
 
 def _require_seen(bench: Bench, places_mm: Sequence[NDArray[np.float64]]) -> None:
     """Refuse to wait on for markers of which too few were ever seen: a pressurised sheet is no place to wait."""
-    wanted = bench.rig.config.measurement
+    limits = bench.rig.config.measurement
     most = max(int(np.isfinite(place_mm[:, 0]).sum()) for place_mm in places_mm)
-    if most < wanted.min_points:
+    if most < limits.min_points:
         raise InstrumentError(
-            f"{most} of {len(places_mm[0])} markers were seen at most for {wanted.still_over_s:g} s, and at least "
-            f"{wanted.min_points} are needed (measurement.min_points); clear the cameras' view"
+            f"{most} of {len(places_mm[0])} markers were seen at most for {limits.still_over_s:g} s, and at least "
+            f"{limits.min_points} are needed (measurement.min_points); clear the cameras' view"
         )
 
 
@@ -228,4 +228,4 @@ def _moved_mm(before_mm: NDArray[np.float64], after_mm: NDArray[np.float64]) -> 
 
 
 def _show(bench: Bench, reading: PressureReading) -> None:
-    bench.show(f"{reading.gauge_psi:.2f} psi")
+    bench.show_progress(f"{reading.gauge_psi:.2f} psi")

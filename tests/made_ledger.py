@@ -92,17 +92,17 @@ def an_event(run, kind="paused", **detail):
 
 
 @dataclass
-class Told:
-    """What a ledger has said."""
+class Notices:
+    """The notices that a ledger gave: its `notify`."""
 
-    words: list = field(default_factory=list)
+    lines: list = field(default_factory=list)
 
     def __call__(self, text):
-        self.words.append(text)
+        self.lines.append(text)
 
     @property
     def text(self):
-        return "\n".join(self.words)
+        return "\n".join(self.lines)
 
 
 @dataclass
@@ -121,11 +121,11 @@ class Kept:
     def journal(self):
         return self.folder / "ledger.journal"
 
-    def check_all_there(self, tell):
+    def check_all_there(self, notify):
         """Open it to write, and find everything."""
-        with LedgerWriter.open(self.folder, tell) as ledger:
+        with LedgerWriter.open(self.folder, notify) as ledger:
             self.check(ledger)
-        with Ledger.open(self.folder, not_a_word) as ledger:
+        with Ledger.open(self.folder, no_notice) as ledger:
             self.check(ledger)
         check_files_agree(self.folder)
 
@@ -136,7 +136,7 @@ class Kept:
 
 def make_ledger(folder, trials=6):
     """A ledger of a run with some trials and an event after each, its writer gone."""
-    with LedgerWriter.open(folder, not_a_word) as writer:
+    with LedgerWriter.open(folder, no_notice) as writer:
         run = writer.begin_run(a_run())
         for number in range(1, trials + 1):
             writer.add_trial(a_trial(run.number, number))
@@ -144,8 +144,8 @@ def make_ledger(folder, trials=6):
         return Kept(folder, run, writer.trials(run.number))
 
 
-def not_a_word(text):
-    raise AssertionError(f"said: {text}")
+def no_notice(text):
+    raise AssertionError(f"notice: {text}")
 
 
 def check_files_agree(folder):

@@ -99,7 +99,7 @@ def moment(seconds=0.0):
 
 
 def dome_mm(points, pressure_psi, flat=0.0):
-    """What a simulator would say of a sphere: a dome, flatter the larger `flat`."""
+    """A simulator's heights of a sphere: a dome, flatter the larger `flat`."""
     xy = np.array([(point.x_mm - 70, point.y_mm - 70) for point in points])
     across = (xy[:, 0] ** 2 + (1 - flat) * xy[:, 1] ** 2) / 70**2
     return pressure_psi / 3.9 * 18.0 * (1 - 0.9 * across)
@@ -258,7 +258,7 @@ def trial(of, number=1, attempt=1, pattern="sphere", placement="neat", outcome="
 
 
 def five_trials(of, failed=True):
-    """Five good trials; the third at its second attempt, unless told otherwise."""
+    """Five good trials; the third at its second attempt, unless `failed` is false."""
     trials = [trial(of, number, 2 if failed and number == 3 else 1) for number in range(1, 6)]
     if failed:
         reason = "the pressure left 3.90 ± 0.10 psi while the markers were captured (3.71 to 3.92 psi)"
@@ -331,9 +331,9 @@ def to_instrument(sheet_mm):
 def ledger(folder, *runs_with_trials, recorded=True, event_kinds=("trial-begun", "finished")):
     """A ledger in a folder: runs (numbered as they come) with their trials, and the trials' raw files.
 
-    Every trial is recorded as `frames` and `pressures` say, with the gaps and occlusions of `GAPS`.
+    Every trial is recorded as `frames` and `pressures` give, with the gaps and occlusions of `GAPS`.
     """
-    with LedgerWriter.open(folder, lambda words: None) as writer:
+    with LedgerWriter.open(folder, lambda _: None) as writer:
         for run_asked, trials in runs_with_trials:
             begun = writer.begin_run(replace(run_asked, number=0))
             for each in trials:

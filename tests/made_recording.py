@@ -83,7 +83,7 @@ def made_frames(time_s, heights_mm, noise_mm=0.0, seed=1, drift_ppm=0.0):
 
 
 def made_pressures(time_s, gauge_psi):
-    """Readings asked 5 ms before and come 5 ms after."""
+    """Readings requested 5 ms before and come 5 ms after."""
     return PressureSamples(
         asked_s=time_s - 0.005,
         came_s=time_s + 0.005,
@@ -183,10 +183,10 @@ def recorded(trial, ledger, run, number, attempt, outcome="good"):
     )
 
 
-def hide(frames, markers, wanted=slice(None)):
-    """The frames with these markers not seen in the frames `wanted`."""
+def hide(frames, markers, hidden=slice(None)):
+    """The frames with these markers not seen in the frames `hidden`."""
     count = len(SHEET_MM)
     cond = frames.cond.reshape(-1, count).copy()
-    rows = np.arange(len(frames))[wanted]
+    rows = np.arange(len(frames))[hidden]
     cond[np.ix_(rows, list(markers))] = -1.0
     return replace(frames, cond=cond.ravel())

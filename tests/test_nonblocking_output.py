@@ -4,33 +4,33 @@ from labctl.nonblocking_output import NonBlockingOutput
 
 
 def test_says_everything_in_order():
-    said = []
-    teller = NonBlockingOutput(said.append)
+    written = []
+    output = NonBlockingOutput(written.append)
     for number in range(20):
-        teller.write(str(number))
-    teller.finish()
-    assert said == [str(number) for number in range(20)]
+        output.write(str(number))
+    output.finish()
+    assert written == [str(number) for number in range(20)]
 
 
-def test_a_listener_that_is_stuck_makes_nobody_wait():
+def test_a_reader_that_is_stuck_makes_nobody_wait():
     gate = threading.Event()
-    teller = NonBlockingOutput(lambda text: gate.wait(10))
+    output = NonBlockingOutput(lambda text: gate.wait(10))
     for _ in range(10_000):
-        teller.write("still here")
-    teller.finish(0.05)
+        output.write("still here")
+    output.finish(0.05)
     gate.set()
 
 
-def test_a_listener_that_fails_fails_alone():
-    said = []
+def test_a_reader_that_fails_fails_alone():
+    written = []
 
     def write(text):
         if text == "bad":
             raise OSError("no space left")
-        said.append(text)
+        written.append(text)
 
-    teller = NonBlockingOutput(write)
-    teller.write("bad")
-    teller.write("good")
-    teller.finish()
-    assert said == ["good"]
+    output = NonBlockingOutput(write)
+    output.write("bad")
+    output.write("good")
+    output.finish()
+    assert written == ["good"]

@@ -229,8 +229,4 @@ def _protections(config: "RigConfig") -> list[Finding]:
 
 
 def _who(identity: "Identity") -> str:
-    parts = [identity.model]
-    if identity.serial_number:
-        parts.append(f"serial number {identity.serial_number}")
-    parts.append(f"firmware {identity.firmware}" if identity.firmware else "firmware not reported")
-    return ", ".join((*parts, *identity.notes))
+    return ", ".join((identity.describe(), *identity.notes))

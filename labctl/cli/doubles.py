@@ -178,7 +178,7 @@ def serve(
             click.echo(served.rig_toml())
             click.echo(f"# {SIMULATED}\n# written to {out_path}; Ctrl-C ends them")
         sys.stdout.flush()
-        while not stop.asked and not (lease and _input_closed()):
+        while not stop.requested and not (lease and _input_closed()):
             if not lease:
                 _wait(stop, _LOOK_S)
         if lease:
@@ -205,5 +205,5 @@ def _wait(stop: "StopRequest", seconds: float) -> None:
 
     clock = WallClock()
     end_s = clock.now_s() + seconds
-    while not stop.asked and clock.now_s() < end_s:
+    while not stop.requested and clock.now_s() < end_s:
         clock.sleep(_LOOK_S)

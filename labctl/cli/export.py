@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from labctl.cli.ledgers import keep_out_of_ledger, print_note
+from labctl.cli.ledgers import keep_out_of_ledger, print_notice
 from labctl.cli.non_empty_path import NonEmptyPath
 from labctl.cli.options import json_option, ledger_option
 from labctl.cli.output import emit_json
@@ -29,19 +29,19 @@ _FORMATS: "tuple[Format, ...]" = ("csv", "parquet", "c3d")
     "--out",
     "out_path",
     type=NonEmptyPath(),
-    help="The folder, which must not be there yet.  [default: run-RUN-FORMAT]",
+    help="Folder to make; it must not be there yet.  [default: run-RUN-FORMAT]",
 )
 @ledger_option
 @json_option
 def export(run: str, kind: "Format", out_path: Path | None, ledger_folder: Path, as_json: bool) -> None:
-    """Write a run's numbers and recordings into a folder of their own.
+    """Export a run as CSV, Parquet or C3D files, into a folder of their own.
 
     RUN is a run's number, or "last".
     """
     from labctl.export.run_export import export_run
     from labctl.ledger.ledger import Ledger
 
-    with Ledger.open(ledger_folder, print_note) as ledger:
+    with Ledger.open(ledger_folder, print_notice) as ledger:
         record = ledger.find(run)
         folder = out_path or Path(f"run-{record.number:04d}-{kind}")
         keep_out_of_ledger(folder, ledger_folder)
@@ -56,6 +56,6 @@ def export(run: str, kind: "Format", out_path: Path | None, ledger_folder: Path,
         )
         return
     for trial in exported.left_out:
-        print_note(trial)
+        print_notice(trial)
     for name in exported.files:
         click.echo(f"written: {exported.folder / name}")

@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from labctl.cli.options import design_option, json_option, ledger_option, rig_option
-from labctl.cli.output import banner, emit_json, number, table
+from labctl.cli.output import banner, counted, emit_json, number, table
 from labctl.errors import BadInput, LabError
 
 if TYPE_CHECKING:
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--pattern", required=True, help="The design's pattern to stiffen.")
+@click.option("--pattern", required=True, help="Pattern of the design to jam.")
 @click.option(
     "--pressure", "pressure_text", default="3.9 psi", show_default=True, help="Gauge pressure to hold."
 )
-@click.option("--keep", is_flag=True, help="Keep the recording, as a run in the ledger.")
+@click.option("--keep", is_flag=True, help="Record the measurement in the ledger, as a run.")
 @design_option
 @rig_option
 @ledger_option
@@ -44,9 +44,9 @@ def inflate(
     ledger_folder: Path,
     as_json: bool,
 ) -> None:
-    """Stiffen a pattern's fibers, inflate the sheet, hold, measure it, compare with its simulation, and vent.
+    """Jam a pattern, inflate the sheet, measure it, compare with the simulation, vent.
 
-    Ctrl-C at any moment ends in SAFE. Exit code 0 means that the measurement is good and SAFE was read back.
+    Ctrl-C at any moment ends in SAFE. Exit code 0: the measurement is good and SAFE was read back.
     """
     from labctl.cli.rigs import rig_to_be
     from labctl.cli.run.options import SessionOptions
@@ -57,8 +57,8 @@ def inflate(
 
     if not keep and ctx.get_parameter_source("ledger_folder") is ParameterSource.COMMANDLINE:
         raise BadInput("--ledger is where --keep puts the run: give both, or neither")
-    asked = RunOptions((pattern,), (pressure_psi(pressure_text),), attempts=1)
-    prepared = prepare(INFLATE, asked, design_name)
+    run_options = RunOptions((pattern,), (pressure_psi(pressure_text),), attempts=1)
+    prepared = prepare(INFLATE, run_options, design_name)
     plan(prepared.protocol, prepared.request, prepared.design, rig_to_be(rig_path, prepared.design))
 
     options = SessionOptions(rig_path, as_json)
@@ -74,8 +74,8 @@ def inflate(
 def _measure(
     prepared: "PreparedRun", design_name: str, kept_in: Path | None, options: "SessionOptions"
 ) -> "FinishedRun":
-    """The finished run, in the ledger `kept_in` or, where that is None, in one that is gone by now."""
-    # The instruments' side takes a second to import: what is asked for wrongly is answered before.
+    """The finished run, in the ledger `kept_in` or, where that is None, in one that is removed by now."""
+    # The instruments' side takes a second to import: bad input is refused before.
     from labctl.cli.run.session import measure, open_session
     from labctl.cli.temporary_ledger import temporary_ledger
     from labctl.session.engine import RunFailed
@@ -87,7 +87,7 @@ def _measure(
     except RunFailed as failed:
         if kept_in is not None:
             raise
-        # Nobody can go on with a run that is gone.
+        # A run that was removed cannot be continued.
         raise LabError(failed.reason) from failed.__cause__
 
 
@@ -142,7 +142,9 @@ def _for_people(finished: "FinishedRun") -> None:
     if unmeasured:
         click.echo(f"not measured, too rarely seen: markers {', '.join(unmeasured)}")
     if level.e_t_percent is not None:
-        click.echo(f"transfer error e_t {level.e_t_percent:.1f} % over {level.points_compared} points")
+        click.echo(
+            f"transfer error e_t {level.e_t_percent:.1f} % over {counted(level.points_compared, 'point')}"
+        )
     if finished.safe is not None:
         click.echo(finished.safe.describe())
 

@@ -22,7 +22,7 @@ def stop_on_signals(doing: str | None = "taking the rig to SAFE") -> Iterator[Op
 
     def handle(number: int, _frame: FrameType | None) -> None:
         name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
-        again = stop.asked
+        again = stop.requested
         stop.set(name)
         if doing is not None:
             _print_from_handler(f"still {doing}" if again else f"{name}: {doing}")

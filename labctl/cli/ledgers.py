@@ -1,4 +1,4 @@
-"""A command and its ledger: what must stay out of its folder, how it speaks to a person."""
+"""A command and its ledger: what must stay out of its folder, how what it reports is printed."""
 
 from pathlib import Path
 
@@ -24,6 +24,6 @@ def keep_out_of_ledger(path: Path, ledger_folder: Path) -> None:
         )
 
 
-def print_note(text: str) -> None:
-    """Print on standard error what a ledger reports."""
+def print_notice(text: str) -> None:
+    """Print a line for a person on standard error: the `notify` of a ledger."""
     click.echo(f"labctl: {text}", err=True)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 class Outcome:
     """Filled in while a command runs: whether its rig is simulated, and what was last read back from it.
 
-    `on` is the platform that was handed in, None for this machine.
+    `on` is the platform to open rigs on, None for this machine.
     """
 
     on: "Platform | None" = None

@@ -39,6 +39,11 @@ def number(value: float, decimals: int = 2) -> str:
     return "-" if math.isnan(value) else f"{value:.{decimals}f}"
 
 
+def counted(number: int, noun: str) -> str:
+    """How many there are, as text: "1 trial", "2 trials"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 class ProgressLine:
     """Live progress on standard error: one line, rewritten, on a terminal; one line a step elsewhere.
 
@@ -69,7 +74,7 @@ class ProgressLine:
         return self._live
 
     def show(self, step: str, detail: str = "") -> None:
-        """Show where things are."""
+        """Show the present step, and its progress."""
         if self._quiet:
             return
         if self._live:
@@ -78,7 +83,7 @@ class ProgressLine:
             self._output.write(f"... {step}")
         self._step = step
 
-    def note(self, text: str) -> None:
+    def notify(self, text: str) -> None:
         """Print a line of its own, which is not rewritten."""
         self._output.write(f"labctl: {text}")
 

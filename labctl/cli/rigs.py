@@ -42,7 +42,7 @@ def chosen_rig(
 
 @contextmanager
 def reporting(rig: "Rig") -> Iterator["Rig"]:
-    """The rig, and after it the state that was read back, for whatever is said last."""
+    """The rig, and after it the state that was read back, for the last line that is printed."""
     try:
         with rig:
             yield rig

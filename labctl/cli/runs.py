@@ -1,4 +1,4 @@
-"""`labctl runs`: the runs in the ledger, and how each stands."""
+"""`labctl runs`: the runs in the ledger and the state of each."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.ledgers import print_note
+from labctl.cli.ledgers import print_notice
 from labctl.cli.options import json_option, ledger_option
 from labctl.cli.output import emit_json, table
 
@@ -33,14 +33,14 @@ class Line:
 @ledger_option
 @json_option
 def runs(ledger_folder: Path, as_json: bool) -> None:
-    """The runs in the ledger: begun when, with what, how many good trials, e_t, and how each stands.
+    """List the runs in the ledger and the state of each: start, request, good trials, e_t.
 
-    It can be asked while a run is being measured.
+    Works while a run is being measured.
     """
     from labctl.ledger.ledger import Ledger
     from labctl.ledger.store.agreement import format_rows
 
-    with Ledger.open(ledger_folder, print_note) as ledger:
+    with Ledger.open(ledger_folder, print_notice) as ledger:
         lines = [_line(ledger, run) for run in ledger.runs()]
         lost = [dict(event.detail) for event in ledger.events(None) if event.kind == "lost"]
     if as_json:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from labctl.cli.group_differences import print_placements, print_run_comparison
-from labctl.cli.ledgers import print_note
+from labctl.cli.ledgers import print_notice
 from labctl.cli.options import json_option, ledger_option
 from labctl.cli.output import emit_json, table
 from labctl.plain_json import to_json
@@ -33,15 +33,15 @@ _LONGEST_DETAIL = 200
 @ledger_option
 @json_option
 def show(run_name: str, other_name: str | None, ledger_folder: Path, as_json: bool) -> None:
-    """Everything about a run: how it was made, its trials with attempts and reasons, events, and its numbers.
+    """Show everything about a run: trials, numbers, events, provenance.
 
-    RUN is its number, or 'last'. It can be asked while the run is being measured.
+    RUN is a run's number, or "last". Works while the run is being measured.
     """
     from labctl.ledger.ledger import Ledger
     from labctl.statistics.group_differences import compare_placements, compare_runs
     from labctl.statistics.summary import summarise
 
-    with Ledger.open(ledger_folder, print_note) as ledger:
+    with Ledger.open(ledger_folder, print_notice) as ledger:
         run = ledger.find(run_name)
         trials, events = ledger.trials(run.number), ledger.events(run.number)
         state, raw_folder = ledger.state(run.number), ledger.raw_folder(run)
@@ -86,13 +86,13 @@ def _print_run(run: "RunRecord", state: "RunState", raw_folder: Path) -> None:
     if run.simulated:
         _print("SIMULATED RIG: measured on byte-level doubles, not on real instruments")
     _print(f"run {run.number}: {run.protocol}, {state}")
-    asked = "; ".join(
+    request = "; ".join(
         f"{name} {_format_value(value)}" for name, value in to_json(run.request).items() if name != "protocol"
     )
     lines = {
         "begun": f"{run.begun.wall} by {run.operator or 'nobody named'}",
         "note": run.note,
-        "asked for": asked,
+        "request": request,
         "design": f"{run.design_name} ({run.design_source})",
         "rig": run.rig_name,
         **{name: _identity(identity) for name, identity in run.identities.items()},
@@ -107,13 +107,7 @@ def _print_run(run: "RunRecord", state: "RunState", raw_folder: Path) -> None:
 
 
 def _identity(identity: "Identity") -> str:
-    serial, firmware = identity.serial_number, identity.firmware
-    parts = [
-        identity.model,
-        f"serial number {serial}" if serial else "serial number not reported",
-        f"firmware {firmware}" if firmware else "firmware not reported",
-    ]
-    return ", ".join([*parts, *identity.notes])
+    return ", ".join([identity.describe(), *identity.notes])
 
 
 def _print_trials(trials: "tuple[TrialRecord, ...]") -> None:

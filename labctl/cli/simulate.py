@@ -272,7 +272,7 @@ def _is_given(option: str) -> bool:
 
 def _check_files(options: SimulateOptions) -> None:
     """Refuse files that could not be written, or that would overwrite each other, before anything is solved."""
-    from labctl.atomic_file import check_writable, same_file
+    from labctl.atomic_files import check_writable, same_file
 
     out_path, plot_path = options.out_path, options.plot_path
     for option, path, formats in (("--out", out_path, _OUT_FORMATS), ("--plot", plot_path, _PLOT_FORMATS)):

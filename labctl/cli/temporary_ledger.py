@@ -1,4 +1,4 @@
-"""A ledger's folder for a measurement that nobody wants to keep: gone when the command ends."""
+"""A ledger's folder for a measurement that nobody wants to keep: removed when the command ends."""
 
 import sqlite3
 import tempfile
@@ -15,7 +15,7 @@ def temporary_ledger() -> Iterator[Path]:
 
     Raises:
         BadInput: it cannot be made.
-        LabError: in place of one about this folder, which the person has never heard of.
+        LabError: in place of one about this folder, which the person has never seen.
     """
     try:
         folder = tempfile.TemporaryDirectory(prefix="labctl-inflate-", ignore_cleanup_errors=True)
@@ -40,7 +40,7 @@ _HINT = "free some space there, name another place by the environment's TMPDIR, 
 
 
 def _of_the_disk(error: BaseException) -> OSError | sqlite3.Error | None:
-    """What the disk said that led to an error; None where no disk did."""
+    """The disk's refusal that led to an error; None where no disk did."""
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, (OSError, sqlite3.Error)):
         cause = cause.__cause__

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.ledgers import print_note
+from labctl.cli.ledgers import print_notice
 from labctl.cli.options import json_option, ledger_option
-from labctl.cli.output import banner, emit_json
+from labctl.cli.output import banner, counted, emit_json
 
 if TYPE_CHECKING:
     from labctl.ledger.records import RunRecord
@@ -28,14 +28,15 @@ _DERIVING = ("labctl", "python", "numpy", "scipy")
 @ledger_option
 @json_option
 def verify(name: str, ledger_folder: Path, as_json: bool) -> int:
-    """Hash the raw files of RUN (a number, or "last") again and recompute every number from them, to the last bit.
+    """Compute every number of a run again from its raw recordings, and hash these again.
 
-    The simulated heights are computed again too. Exit code 0: all agree; 1: something does not, and is named.
+    RUN is a run's number, or "last". The simulated heights are computed again too. Exit code 0: all agree, measured
+    numbers to the last bit; 1: something does not, and is named.
     """
     from labctl.ledger.ledger import Ledger
     from labctl.verification.verify_run import verify_run
 
-    with Ledger.open(ledger_folder, print_note) as ledger:
+    with Ledger.open(ledger_folder, print_notice) as ledger:
         run = ledger.find(name)
         verification = verify_run(ledger, run)
     simulation = _simulate_again(run)
@@ -79,8 +80,7 @@ class SimulatedAgain:
             yield "simulated heights: DISAGREE"
             yield from (f"    {problem}" for problem in self.problems)
         elif self.shapes and not self.greatest_mm:
-            count = "1 shape" if self.shapes == 1 else f"{self.shapes} shapes"
-            yield f"simulated heights: the same again, to the last bit ({count})"
+            yield f"simulated heights: the same again, to the last bit ({counted(self.shapes, 'shape')})"
         elif self.shapes:
             judged = "agree" if self.agrees else "DISAGREE"
             yield (
@@ -98,7 +98,7 @@ def _simulate_again(run: "RunRecord") -> SimulatedAgain:
     from sim.warm import compile_kernels
 
     if run.simulated_heights:
-        compile_kernels(print_note)
+        compile_kernels(print_notice)
     points_mm = np.array([(point.x_mm, point.y_mm) for point in run.points])
     greatest_mm = 0.0
     problems: list[str] = []
@@ -123,9 +123,11 @@ def _trial_lines(trials: "Sequence[TrialVerification]") -> Iterator[str]:
             yield from (f"    {problem}" for problem in trial.problems)
             yield from _difference_lines(trial.differences)
         elif trial.recomputed:
-            yield f"{head}: {len(trial.files)} files as recorded, every number the same again"
+            yield f"{head}: {counted(len(trial.files), 'file')} as recorded, every number the same again"
         else:
-            files = f"{len(trial.files)} files as recorded" if trial.files else "nothing was recorded"
+            files = (
+                f"{counted(len(trial.files), 'file')} as recorded" if trial.files else "nothing was recorded"
+            )
             yield f"{head}: {files}; there are no numbers to recompute"
 
 
@@ -148,7 +150,7 @@ def _unrecorded_lines(files: "Sequence[str]") -> Iterator[str]:
 def _difference_lines(differences: "Sequence[Difference]") -> Iterator[str]:
     yield from (f"    {difference.describe()}" for difference in differences[:_MOST_SHOWN])
     if len(differences) > _MOST_SHOWN:
-        yield f"    and {len(differences) - _MOST_SHOWN} more numbers (--json lists all)"
+        yield f"    and {counted(len(differences) - _MOST_SHOWN, 'more number')} (--json lists all)"
 
 
 def _makers(run: "RunRecord") -> str:
@@ -167,7 +169,8 @@ def _last_line(run: "RunRecord", verification: "Verification", simulation: Simul
     if wrong:
         return f"run {run.number} DOES NOT AGREE with its recording: {'; '.join(wrong)}"
     files = sum(len(trial.files) for trial in verification.trials)
-    return f"run {run.number}: all agree ({len(verification.trials)} attempts, {files} raw files)"
+    attempts = counted(len(verification.trials), "attempt")
+    return f"run {run.number}: all agree ({attempts}, {counted(files, 'raw file')})"
 
 
 def _for_machines(

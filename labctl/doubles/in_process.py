@@ -1,6 +1,6 @@
 """Doubles at the end of wires in this process: the bytes of the served ones, without port, socket or thread.
 
-A device acts when somebody waits for it, on the clock handed in, so that a whole rig can run in virtual time.
+A device acts when somebody waits for it, on the clock it is given, so that a rig can run in virtual time.
 """
 
 from collections.abc import Callable
@@ -60,7 +60,7 @@ class InProcessDoubles:
         return rig_toml(self.settings, REGULATOR_PORT, valves, HOST, 0)
 
     def inject(self, faults: Faults) -> None:
-        """Replace the faults of every instrument from now on; `Faults()` mends all that has not died."""
+        """Replace the faults of every instrument from now on; `Faults()` ends all that has not died."""
         self._rig.inject(faults)
 
     def close(self) -> None:
@@ -140,7 +140,7 @@ class SerialWire:
         self._closed = False
 
     def write(self, data: bytes, deadline: Deadline) -> None:
-        """Hand the bytes to the device."""
+        """Send the bytes to the device."""
         self._require_open()
         self._written_s = self.clock.now_s()
         self._end.receive(data)
@@ -183,7 +183,7 @@ class TcpWire(SerialWire):
     """A Modbus connection whose far end is a device of this process."""
 
     def send(self, data: bytes, deadline: Deadline) -> None:
-        """Hand the bytes to the device.
+        """Send the bytes to the device.
 
         Raises:
             LinkDown: the device hangs up on them, or has before.
@@ -203,7 +203,7 @@ class TcpWire(SerialWire):
         return bytes(self._take(n, self.peek(n, n, deadline)))
 
     def peek(self, n: int, most: int, deadline: Deadline) -> bytes:
-        """What is at hand, at least `n` and at most `most` bytes; all of it is there for the next read."""
+        """What has come, at least `n` and at most `most` bytes; all of it is there for the next read."""
         while not self._look() or len(self._held) < n:
             if deadline.remaining_s() <= 0:
                 raise NoAnswer(
@@ -235,7 +235,7 @@ class MarkerWire:
         self._end: ClientEnd | None = device.connect()
 
     def send(self, data: bytes, deadline: Deadline) -> None:
-        """Hand the bytes to the server.
+        """Send the bytes to the server.
 
         Raises:
             LinkDown: the server hangs up on them, or has before.
@@ -258,7 +258,7 @@ class MarkerWire:
         return data
 
     def peek(self, n: int, most: int, deadline: Deadline) -> bytes:
-        """What is at hand, at least `n` and at most `most` bytes; all of it is there for the next read."""
+        """What has come, at least `n` and at most `most` bytes; all of it is there for the next read."""
         while True:
             end = self._connected()
             self._device.advance()

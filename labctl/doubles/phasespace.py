@@ -38,7 +38,7 @@ class ClientEnd:
             self.session.handle(packet)
 
     def queue_frame(self, frame: bytes) -> None:
-        """Queue a whole frame, or none of it where the client is too far behind."""
+        """Queue a frame, or none of it where the client is too far behind."""
         if len(self.outbox) + self._late_bytes + len(frame) <= BACKLOG_BYTES:
             self._add(frame)
 
@@ -80,7 +80,7 @@ class PhaseSpaceDevice:
 
     @property
     def streaming(self) -> bool:
-        """Whether a client has asked for frames."""
+        """Whether a client has requested frames."""
         return any(client.session.streaming for client in self._clients)
 
     def connect(self) -> ClientEnd:
@@ -95,7 +95,7 @@ class PhaseSpaceDevice:
         client.session.leave()
 
     def advance(self) -> None:
-        """Queue the frames that are due by now to all who asked for them."""
+        """Queue the frames that are due by now to all clients that requested them."""
         state = self._plant.state()
         now_s = self._clock.now_s() - self._origin_s
         if not self.streaming:

@@ -72,7 +72,7 @@ class Doubles:
         )
 
     def inject(self, faults: Faults) -> None:
-        """Replace the faults of every instrument from now on; `Faults()` mends all that has not died."""
+        """Replace the faults of every instrument from now on; `Faults()` ends all that has not died."""
         self._rig.inject(faults)
 
     def close(self) -> None:

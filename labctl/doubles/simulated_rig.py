@@ -50,7 +50,7 @@ def simulated_shapes(settings: DoublesSettings, notify: Callable[[str], None]) -
 
 
 class SimulatedRig:
-    """Plant and devices on the clock handed in; `shapes` are closed with it.
+    """Plant and devices on `clock`; `shapes` are closed with it.
 
     Raises:
         BadInput: a trace file that cannot be written.
@@ -103,7 +103,7 @@ class SimulatedRig:
         return TcpLine(self._relays)
 
     def inject(self, faults: Faults) -> None:
-        """Replace the faults of every instrument from now on; `Faults()` mends all that has not died."""
+        """Replace the faults of every instrument from now on; `Faults()` ends all that has not died."""
         for name, panel in self.panels.items():
             panel.switch(faults.of(name))
 

@@ -45,7 +45,7 @@ def _write_part(path: Path, motion: Motion, part: slice, labels: Mapping[str, st
     point["UNITS"]["value"] = ["mm"]
     point["LABELS"]["value"] = [f"M{marker}" for marker in motion.ids]
     data = np.ones((4, markers, frames))
-    # ezc3d writes what is NaN as the zeros that the format asks for.
+    # ezc3d writes what is NaN as the zeros that the format demands.
     data[:3] = positions_mm.transpose(2, 1, 0)
     file["data"]["points"] = data
     file["data"]["meta_points"] = {

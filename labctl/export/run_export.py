@@ -8,7 +8,7 @@ from typing import Literal
 
 import pandas as pd
 
-from labctl.atomic_folder import atomic_folder
+from labctl.atomic_files import atomic_folder
 from labctl.errors import BadInput
 from labctl.export.c3d_file import write_c3d
 from labctl.export.motion import motion_of
@@ -34,7 +34,7 @@ class Exported:
 
 
 def export_run(ledger: Ledger, run: RunRecord, kind: Format, folder: Path) -> Exported:
-    """Write a run into a new folder, whole or not at all.
+    """Write a run into a new folder, which is complete or not there.
 
     Raises:
         BadInput: something is there already, it cannot be written, or there is nothing to write.

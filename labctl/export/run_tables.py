@@ -115,7 +115,7 @@ def _pressures(
         except LabError as error:
             raise LabError(
                 f"run {run.number}, trial {trial.number}, attempt {trial.attempt}: {error}; "
-                f"labctl verify {run.number} lists which files are still whole"
+                f"labctl verify {run.number} lists which files are undamaged"
             ) from error
         parts.append(
             pd.DataFrame(

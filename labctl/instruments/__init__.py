@@ -1,1 +1,1 @@
-"""What the rig asks of an instrument, whatever its make, and what instruments answer."""
+"""What the rig needs of an instrument, whatever its make, and what instruments report."""

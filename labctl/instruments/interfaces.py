@@ -1,4 +1,4 @@
-"""What the rig asks of an instrument, whatever its make: three small interfaces that the drivers meet.
+"""What the rig needs of an instrument, whatever its make: three small interfaces that the drivers meet.
 
 Every call ends by its `timeout_s` (the driver's own default when None) with a value or a specific
 `labctl.errors.InstrumentError`. A write returns only after the instrument was read back and agreed.
@@ -78,7 +78,7 @@ class MarkerSource(Protocol):
         ...
 
     def next_frames(self, timeout_s: float | None = None) -> MarkerFrames:
-        """The frames that are at hand, at least one, in the order sent."""
+        """The frames that have come, at least one, in the order sent."""
         ...
 
     def stop(self, timeout_s: float | None = None) -> None:

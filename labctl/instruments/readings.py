@@ -5,6 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+#: For people, in place of what an instrument's protocol or firmware does not carry.
+NOT_REPORTED = "not reported"
+
 # A device gives its readings in hundredths: one that stands on the edge of a band is inside.
 _EDGE_PSI = 1e-6
 
@@ -29,6 +32,11 @@ class Identity:
     firmware: str | None = None
     setpoint_source: str | None = None
     notes: tuple[str, ...] = ()
+
+    def describe(self) -> str:
+        """Model, serial number and firmware as text; "not reported" where the wire does not carry one."""
+        number, firmware = self.serial_number or NOT_REPORTED, self.firmware or NOT_REPORTED
+        return f"{self.model}, serial number {number}, firmware {firmware}"
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ def _format_sqlite_error(error: sqlite3.Error, folder: Path) -> str:
 
 
 _LEFT = "What was committed before is safe"
-_DISK_FULL = f"the disk is full. {_LEFT}; free some space and go on in the same ledger"
+_DISK_FULL = f"the disk is full. {_LEFT}; free some space and continue in the same ledger"
 _NOT_PERMITTED = (
     "you may not. Make the folder and its ledger.* files readable, to measure also writable, or name another with "
     "--ledger"
@@ -125,7 +125,7 @@ def check_is_folder(folder: Path) -> None:
             raise BadInput(f"ledger {folder}: {each}: {error.strerror or error}") from error
         if not there and each.is_symlink():
             raise BadInput(
-                f"ledger {folder}: {each} is a link that leads nowhere; mend it, or name another with --ledger"
+                f"ledger {folder}: {each} is a link that leads nowhere; correct it, or name another with --ledger"
             )
         if there:
             if not each.is_dir():

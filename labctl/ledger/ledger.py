@@ -32,7 +32,7 @@ class Ledger:
         self._holder = holder
 
     @classmethod
-    def open(cls, folder: Path, report: Callable[[str], None]) -> Self:
+    def open(cls, folder: Path, notify: Callable[[str], None]) -> Self:
         """Read the ledger in a folder, which is left as it is; what is wrong with it is reported.
 
         Raises:
@@ -55,7 +55,7 @@ class Ledger:
             )
             return cls(folder, rows, holder)
         for problem in format_problems(found, later=True):
-            report(f"ledger {folder}: {problem}")
+            notify(f"ledger {folder}: {problem}")
         return cls(folder, found.rows, None)
 
     def __enter__(self) -> Self:

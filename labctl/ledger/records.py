@@ -17,7 +17,7 @@ Outcome = Literal["good", "failed", "aborted"]
 
 @dataclass(frozen=True)
 class RunRequest:
-    """What was asked for, complete: from it, the design and the rig the same plan follows again.
+    """The request of a run, complete: from it, the design and the rig the same plan follows again.
 
     `placements` are the orders in which the patterns' fibers lie on the sheet, one sheet each; a protocol that
     needs one sheet has one. `trials` is how many of each kind, `attempts` how often each may be tried.
@@ -43,10 +43,10 @@ class SimulatedHeights:
 
 @dataclass(frozen=True)
 class RunRecord:
-    """A run as it was begun.
+    """A run as it was started.
 
     `number` counts runs from 1. `planned_trials` is how many trials the plan of the `request` has. `design_text` is
-    the whole design file. `rig` is the whole configuration (`labctl.config.rig.RigConfig`) as plain JSON: a run must
+    the text of the design file. `rig` is the configuration (`labctl.config.rig.RigConfig`) as plain JSON: a run must
     stay readable when a configuration has other fields; what its recordings are judged by is typed in `basis`.
     `identities` maps "regulator", "valves" and "markers" to who answered. `versions` maps programs to versions,
     `commit` is the checkout's, with "+changes" where it had any; None where there is none.
@@ -109,7 +109,7 @@ class RawFile:
 
 @dataclass(frozen=True)
 class SafeReadBack:
-    """Whether SAFE was read back after the teardown, and what was read, in words."""
+    """Whether SAFE was read back after the teardown, and what was read, as text in `words`."""
 
     safe: bool
     words: str
@@ -155,7 +155,7 @@ class TrialRecord:
 class EventRecord:
     """Something that happened to a run (`run` None: to the ledger itself).
 
-    `kind`: "trial-begun", "paused", "resumed", "abort-asked", "interrupted", "continued", "finished", "failed",
+    `kind`: "trial-begun", "paused", "resumed", "interrupted", "continued", "finished", "failed",
     "clock-set-back", "restored", ... `detail` holds the rest.
     """
 

@@ -30,16 +30,16 @@ class LedgerWriter(Ledger):
     Calls may come from any thread.
     """
 
-    def __init__(self, folder: Path, report: Callable[[str], None], clock: Now) -> None:
+    def __init__(self, folder: Path, notify: Callable[[str], None], clock: Now) -> None:
         """Take the lock and bring the files into agreement; `open` lists what is raised."""
-        self._report = report
+        self._notify = notify
         self._clock = clock
         self._guard = threading.RLock()
         # Why nothing more may be appended: what an append left behind is not known.
         self._unsure: str | None = None
         with ExitStack() as opened:
             self._lock = opened.enter_context(LedgerLock(folder, clock))
-            rows = recover(folder, clock, report)
+            rows = recover(folder, clock, notify)
             self._journal = JournalWriter(folder / JOURNAL)
             opened.callback(self._journal.close)
             self._connection = connect(folder / SQLITE)
@@ -49,7 +49,7 @@ class LedgerWriter(Ledger):
             self._opened = opened.pop_all()
 
     @classmethod
-    def open(cls, folder: Path, report: Callable[[str], None], clock: Now = now) -> Self:
+    def open(cls, folder: Path, notify: Callable[[str], None], clock: Now = now) -> Self:
         """Open the ledger in a folder to write to it, and make it where there is none. What is repaired is reported.
 
         Raises:
@@ -61,7 +61,7 @@ class LedgerWriter(Ledger):
         refuse_network(folder)
         with disk_errors(folder, "opening it to write", BadInput):
             make_folder(folder)
-            return cls(folder, report, clock)
+            return cls(folder, notify, clock)
 
     def close(self) -> None:
         """Close the files and let another writer in; may be called twice."""
@@ -143,7 +143,7 @@ class LedgerWriter(Ledger):
         back_s = set_back_s(before, at)
         if not back_s:
             return
-        self._report(
+        self._notify(
             f"the clock of this machine was set back by {back_s:.0f} s: the last row was written at {before.wall}, "
             f"it is {at.wall} now. Rows stay in the order written, durations are by the monotonic clock"
         )

@@ -1,4 +1,4 @@
-"""What a driver asks of its link: small interfaces, met by the real links and by scripted ones."""
+"""What a driver needs of its link: small interfaces, met by the real links and by scripted ones."""
 
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -26,7 +26,7 @@ class LineLink(Protocol):
         ...
 
     def mark_suspect(self) -> None:
-        """Tell the link that what it delivered was not the reply."""
+        """Report to the link that what it delivered was not the reply."""
         ...
 
     def resync_by(self, request: bytes, accepts: Callable[[bytes], bool]) -> None:
@@ -124,7 +124,7 @@ class ByteStream(Protocol):
         ...
 
     def peek(self, n: int, most: int, deadline: Deadline) -> bytes:
-        """What is at hand, at least `n` and at most `most` bytes; all of it is there for the next read."""
+        """What has come, at least `n` and at most `most` bytes; all of it is there for the next read."""
         ...
 
     def skip(self, n: int) -> None:

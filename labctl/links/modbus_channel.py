@@ -33,7 +33,7 @@ class ModbusChannel(Protocol):
         ...
 
     def has_input(self) -> bool:
-        """Bytes are waiting that nobody asked for."""
+        """Bytes are waiting that no request is open for."""
         ...
 
     def next_transaction(self) -> int:
@@ -79,7 +79,7 @@ class RtuChannel:
         return data
 
     def has_input(self) -> bool:
-        """Bytes are waiting that nobody asked for."""
+        """Bytes are waiting that no request is open for."""
         return self._port.has_input()
 
     def next_transaction(self) -> int:
@@ -124,7 +124,7 @@ class TcpChannel:
         return self._stream.read_exactly(1, deadline)
 
     def has_input(self) -> bool:
-        """Unasked frames are told by their transaction numbers; nothing needs to be looked for."""
+        """Never: unrequested frames are recognised by their transaction numbers."""
         return False
 
     def next_transaction(self) -> int:

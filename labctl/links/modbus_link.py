@@ -169,7 +169,7 @@ class ModbusLink:
     def _get_in_step(self, request: ModbusPDU, deadline: Deadline) -> bool:
         """See to it that the next reply is the one to `request`; False where that stays open, for a write.
 
-        A write must reach a device that acts and is not heard, and drivers read back what they wrote: so a
+        A write must reach a device that acts and whose replies are lost, and drivers read back what they wrote: so a
         write only waits for the line to calm down, and the read that follows makes sure.
         """
         if not (self._suspect or self._channel.has_input()):

@@ -18,7 +18,7 @@ class SerialLink:
     """One exchange at a time, and never an old reply for a new request.
 
     A line protocol has no transaction numbers, so a reply that comes after its time-out looks like the reply
-    to the next request. After a time-out, a broken line or unasked bytes the link is therefore `suspect`: the
+    to the next request. After a time-out, a broken line or unrequested bytes the link is therefore `suspect`: the
     next exchange first discards input until the line is quiet for `quiet_s`, then sends the request of
     `resync_by` and discards lines up to its reply. Devices answer in order, so that reply comes last.
     """
@@ -50,7 +50,7 @@ class SerialLink:
         return self._suspect
 
     def mark_suspect(self) -> None:
-        """Tell the link that what it delivered was not the reply."""
+        """Report to the link that what it delivered was not the reply."""
         self._suspect = True
 
     def resync_by(self, request: bytes, accepts: Callable[[bytes], bool]) -> None:
@@ -146,7 +146,7 @@ class SerialLink:
         idle = Deadline(self.clock, min(idle_s, deadline.remaining_s()))
         self._held = self._port.read_some(CHUNK_BYTES, idle)
         if not self._held and idle.seconds < idle_s:
-            raise self._no_answer(request, deadline, "the end of the answer could not be told")
+            raise self._no_answer(request, deadline, "the end of the answer could not be found")
         return bool(self._held)
 
     def _read_line(self, request: bytes, deadline: Deadline) -> bytes:

@@ -125,7 +125,7 @@ def discard_until_quiet(port: BytePort, clock: Clock, quiet_s: float, deadline: 
             return
         if discarded:
             raise GarbledReply(
-                f"{port.name}: {discarded} bytes came unasked and the line was not quiet for {quiet_s:g} "
+                f"{port.name}: {discarded} bytes came unrequested and the line was not quiet for {quiet_s:g} "
                 f"s within {deadline.seconds:g} s; if the instrument is streaming, set it to polling"
             )
         raise NoAnswer(

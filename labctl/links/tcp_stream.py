@@ -29,7 +29,7 @@ class TcpStream:
         self.clock = clock
         self._held = bytearray()
         self._socket = _connect(self.name, host, port, Deadline(clock, connect_timeout_s))
-        # Time-outs of a socket are shared by reader and writer; readiness is asked for call by call.
+        # Time-outs of a socket are shared by reader and writer; readiness is polled call by call.
         self._socket.setblocking(False)
 
     def send(self, data: bytes, deadline: Deadline) -> None:
@@ -64,12 +64,12 @@ class TcpStream:
             LinkDown: the peer closed or the network broke.
         """
         self._hold(n, deadline)
-        wanted = bytes(self._held[:n])
+        data = bytes(self._held[:n])
         self.skip(n)
-        return wanted
+        return data
 
     def peek(self, n: int, most: int, deadline: Deadline) -> bytes:
-        """What is at hand, at least `n` and at most `most` bytes; all of it is there for the next read.
+        """What has come, at least `n` and at most `most` bytes; all of it is there for the next read.
 
         Raises:
             NoAnswer: fewer than `n` bytes came before the deadline.
@@ -132,7 +132,7 @@ def _connect(name: str, host: str, port: int, deadline: Deadline) -> socket.sock
     failure: Exception | None = None
     for family, address in _resolve(name, host, port, deadline):
         connection = socket.socket(family, socket.SOCK_STREAM)
-        # Zero would mean a socket that does not wait at all, and an error that says nothing.
+        # Zero would mean a socket that does not wait at all, and an error without a cause.
         connection.settimeout(max(deadline.remaining_s(), 0.001))
         try:
             connection.connect(address)

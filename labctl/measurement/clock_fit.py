@@ -51,9 +51,9 @@ def fit_clock(time_s: Times, arrival_s: Times, frequency_hz: float) -> ClockFit:
     elapsed_s = time_s - time_s[0]
     delay_s = (arrival_s - arrival_s[0]) - elapsed_s
     # Of the frames that were read at once, all but the last only waited longer; the first of all ends the hull.
-    is_told = np.append(np.diff(arrival_s) != 0, True)
-    is_told[0] = True
-    drift, least_s = _floor(elapsed_s[is_told], delay_s[is_told], float(elapsed_s.mean()))
+    is_last_of_read = np.append(np.diff(arrival_s) != 0, True)
+    is_last_of_read[0] = True
+    drift, least_s = _floor(elapsed_s[is_last_of_read], delay_s[is_last_of_read], float(elapsed_s.mean()))
     if elapsed_s[-1] < SHORTEST_FOR_DRIFT_S or abs(drift) > LARGEST_DRIFT_PPM / 1e6:
         drift, least_s = 0.0, float(delay_s.min())
     left_s = delay_s - (least_s + drift * elapsed_s)

@@ -35,8 +35,8 @@ def fit_decay(time_s: Floats, height_mm: Floats) -> Decay | str:
     """The decay nearest to the first heights (k,) at rising times (k,), by least squares; or why there is none.
 
     "First" is up to five time constants of the decay itself, found by fitting again until the samples are the same:
-    a slow creep that goes on for minutes would otherwise pull the time constant up with every minute that is watched.
-    A time constant longer than the samples last cannot be told from a straight line, and is refused.
+    a slow creep that lasts for minutes would otherwise pull the time constant up with every minute that is watched.
+    A time constant longer than the samples last cannot be distinguished from a straight line, and is refused.
     """
     if len(time_s) < FEWEST_SAMPLES:
         return (

@@ -65,7 +65,7 @@ def lay_out(frames: MarkerFrames, pressures: PressureSamples, basis: Basis) -> R
         clock = fit_clock(frames.time_s, frames.arrival_s, basis.frequency_hz)
     except LabError as error:
         return str(error)
-    # Of frames that are missing the steps are whole numbers of periods too.
+    # Of frames that are missing the steps are integer numbers of periods too.
     steps_s = np.diff(frames.time_s) if len(frames) > 1 else np.ones(1) / basis.frequency_hz
     periods = float(np.percentile(steps_s, 50, method="lower")) * basis.frequency_hz
     if abs(periods - max(round(periods), 1)) > STEP_TOLERANCE:

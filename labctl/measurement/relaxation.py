@@ -99,11 +99,11 @@ def _mean_heights(
 
 
 def _bridged(time_s: Floats, heights_mm: Floats) -> Floats:
-    """The columns of heights (k, m) that are whole, their short gaps filled in a straight line, (k, whole ones)."""
-    whole: list[Floats] = []
+    """The columns of heights (k, m) without long gaps, short gaps filled in a straight line, (k, m of these)."""
+    bridged: list[Floats] = []
     for marker_mm in heights_mm.T:
         seen = np.flatnonzero(np.isfinite(marker_mm))
         # Before the first sight there is no line to fill in.
         if len(seen) and seen[0] == 0 and np.diff(seen, append=len(time_s)).max() - 1 <= BRIDGED:
-            whole.append(np.interp(time_s, time_s[seen], marker_mm[seen]))
-    return np.array(whole).reshape(len(whole), len(time_s)).T
+            bridged.append(np.interp(time_s, time_s[seen], marker_mm[seen]))
+    return np.array(bridged).reshape(len(bridged), len(time_s)).T

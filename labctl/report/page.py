@@ -1,4 +1,4 @@
-"""What all pages have in common: tables, and a template that is filled in with whatever people wrote kept as text."""
+"""What all pages have in common: tables, and a template that is filled in with whatever people wrote escaped."""
 
 from dataclasses import dataclass
 

@@ -30,15 +30,15 @@ class Identities:
 
 
 class RigInstruments:
-    """Regulator, valve bank and marker stream of one rig, each of which has answered for itself.
+    """Regulator, valve bank and marker stream of one rig, each of which has identified itself.
 
     A rig that is found with pressure, a setpoint or valves on was left so by something else: it is taken to
-    SAFE before anything more is asked. Frames are stamped by `clock`, the rig's; all else is timed by the wall's.
+    SAFE before anything else is done. Frames are stamped by `clock`, the rig's; all else is timed by the wall's.
 
     Raises:
         Unsafe: it was found energised and SAFE could not be read back.
-        RigUnavailable: one is absent, silent, or not what rig.toml says; nothing was energised.
-        Stopped: the operator asked for a stop while they were being opened.
+        RigUnavailable: one is absent, silent, or not what rig.toml states; nothing was energised.
+        Stopped: the operator requested a stop while they were being opened.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class RigInstruments:
 
 
 def _found_energised(reading: PressureReading, channels_on: frozenset[int], config: RigConfig) -> str:
-    """What is on, in words; nothing where nothing is."""
+    """What is on, as text; "" where nothing is."""
     found = []
     if abs(reading.setpoint_psi) > SETPOINT_ZERO_PSI:
         found.append(f"setpoint {reading.setpoint_psi:.2f} psi")

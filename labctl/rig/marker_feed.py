@@ -1,4 +1,4 @@
-"""Reads a marker stream without pause, so that the server never waits, and hands out frames on request."""
+"""Reads a marker stream without pause, so that the server never waits, and returns frames on request."""
 
 import math
 import threading
@@ -63,7 +63,7 @@ class MarkerFeed:
             self._thread = self._scheduler.start_thread(self._read, f"feed of {self._source.name}")
 
     def mark(self) -> int:
-        """How many frames have arrived so far, to hand to `since`."""
+        """How many frames have arrived so far, for `since`."""
         with self._lock:
             return self._arrived
 
@@ -76,19 +76,19 @@ class MarkerFeed:
         """
         with self._lock:
             self._require_alive()
-            wanted = self._arrived - mark
-            if wanted > self._kept_frames:
+            due = self._arrived - mark
+            if due > self._kept_frames:
                 raise NoFrames(
-                    f"{self._source.name}: {wanted} frames came and only the last {self._kept_frames} are kept; "
+                    f"{self._source.name}: {due} frames came and only the last {self._kept_frames} are kept; "
                     "capture for a shorter time"
                 )
             newest_first, found = [], 0
             for batch in reversed(self._kept):
-                if found >= wanted:
+                if found >= due:
                     break
                 newest_first.append(batch)
                 found += len(batch)
-        return select_frames(concatenate(newest_first[::-1]), found - wanted, found)
+        return select_frames(concatenate(newest_first[::-1]), found - due, found)
 
     @contextmanager
     def observing(self, take: Callable[[MarkerFrames], None]) -> Iterator[None]:

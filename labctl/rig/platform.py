@@ -11,7 +11,7 @@ from labctl.safety.guard import Guard, GuardProcess
 
 @dataclass(frozen=True)
 class Platform:
-    """Handed in, so that a whole rig can run in virtual time against doubles of the same process.
+    """What `Rig` is given, so that a rig can run in virtual time against doubles of the same process.
 
     `scheduler` is the wall's clock with the threads, events and locks that wait by it.
     """

@@ -1,4 +1,4 @@
-"""What the rig asks of a recorder, and how it keeps a recorder's failures from the rig."""
+"""What the rig needs of a recorder, and how a recorder's errors are kept from the rig."""
 
 from collections.abc import Callable
 from typing import Protocol, TypeVar
@@ -9,7 +9,7 @@ _T = TypeVar("_T")
 
 
 class Recorder(Protocol):
-    """AllowedCounts what the instruments say. Called on the threads that read them, which must not wait."""
+    """Takes what the instruments report. Called on the threads that read them, which must not wait."""
 
     def take_frames(self, frames: MarkerFrames) -> None:
         """Take the next frames."""
@@ -20,17 +20,17 @@ class Recorder(Protocol):
         ...
 
     def fail(self, error: Exception) -> None:
-        """Keep an error of taking, to be told when the recording is finished; never raises."""
+        """Keep an error of taking, to be raised when the recording is finished; never raises."""
         ...
 
 
-def kept_by(recorder: Recorder, take: Callable[[_T], None]) -> Callable[[_T], None]:
+def errors_to_recorder(recorder: Recorder, take: Callable[[_T], None]) -> Callable[[_T], None]:
     """`take`, but an error goes to the recorder: neither the stream nor the watch may end for it."""
 
-    def take_or_keep(item: _T) -> None:
+    def take_or_fail(item: _T) -> None:
         try:
             take(item)
         except Exception as error:
             recorder.fail(error)
 
-    return take_or_keep
+    return take_or_fail

@@ -15,7 +15,7 @@ from labctl.errors import InstrumentError, Unsafe
 from labctl.instruments.readings import MarkerFrames, PressureReading, in_band
 from labctl.rig.instruments import RigInstruments
 from labctl.rig.platform import SYSTEM, Platform
-from labctl.rig.recorder import Recorder, kept_by
+from labctl.rig.recorder import Recorder, errors_to_recorder
 from labctl.rig.trace import PressureTrace
 from labctl.safety.safe_state import SafeReport
 from labctl.safety.supervisor import Supervisor
@@ -35,13 +35,13 @@ class Rig:
 
     Args:
         config: the rig's configuration.
-        stop: the operator's wish to stop.
+        stop: the operator's request to stop.
         notify: receives one line of text for each event worth a person's attention.
         platform: time, wires and guard; this machine's where none is given.
 
     Raises:
         RigUnavailable: an instrument is absent, silent or not what it should be; nothing was energised.
-        Unsafe: it was found energised and SAFE could not be read back; the guard process goes on trying.
+        Unsafe: it was found energised and SAFE could not be read back; the guard process keeps trying.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Rig:
                 self._instruments.close(notify)
                 raise
         except Unsafe:
-            # Found energised, and not to be brought to SAFE from here: the guard goes on trying.
+            # Found energised, and not to be brought to SAFE from here: the guard keeps trying.
             self._guard.release()
             raise
         except BaseException:
@@ -107,12 +107,12 @@ class Rig:
         """Look whether anything may still be done.
 
         Raises:
-            Stopped: the operator asked for a stop.
+            Stopped: the operator requested a stop.
             Tripped: the supervisor has vented the rig.
             InstrumentError: the rig is closed.
         """
         if self._closed:
-            raise InstrumentError(f"{self.config.name} is closed; open it again before asking anything of it")
+            raise InstrumentError(f"{self.config.name} is closed; open it again first")
         self._stop.check()
         self._supervisor.check()
 
@@ -128,19 +128,19 @@ class Rig:
             self.clock.sleep(min(left_s, _TICK_S * self.config.speed))
 
     def pressure(self) -> PressureReading:
-        """The next reading of the supervisor's 20 Hz: the instrument is never asked twice for the same thing."""
-        asked_s = self._wall.now_s()
-        end_s = asked_s + self.config.limits.stale_after_s + _READING_MARGIN_S
+        """The next reading of the supervisor's 20 Hz: no instrument is read twice for one reading."""
+        requested_s = self._wall.now_s()
+        end_s = requested_s + self.config.limits.stale_after_s + _READING_MARGIN_S
         while self._wall.now_s() < end_s:
             self.check()
             self._supervisor.beat()
             sample = self._supervisor.latest()
-            if sample is not None and sample.wall_s > asked_s:
+            if sample is not None and sample.wall_s > requested_s:
                 return sample.reading
             # A supervisor that reads nothing trips, and `check` raises.
             self._wall.sleep(_LOOK_S)
         raise InstrumentError(
-            f"{self.config.regulator.name}: no new pressure reading for {end_s - asked_s:g} s, and no trip either"
+            f"{self.config.regulator.name}: no new pressure reading for {end_s - requested_s:g} s, and no trip either"
         )
 
     def fall_below(self, pressure_psi: float) -> PressureReading:
@@ -163,11 +163,11 @@ class Rig:
 
         A normally-open dump valve is closed in the same write.
         """
-        wanted = set(channels)
+        requested = set(channels)
         if self.config.valves.dump_channel is not None:
-            wanted.add(self.config.valves.dump_channel)
+            requested.add(self.config.valves.dump_channel)
         with self._supervisor.energising(self.check):
-            on = self._instruments.valves.write(wanted)
+            on = self._instruments.valves.write(requested)
             self._supervisor.expect(channels_on=on)
         return on
 
@@ -230,7 +230,7 @@ class Rig:
         """Collect the marker frames and pressures of the next `seconds` of the rig's clock.
 
         It lasts a little longer where fewer than five pressures were read by then (a simulated rig that runs fast):
-        one reading says nothing of whether a pressure held.
+        one reading does not show whether a pressure held.
 
         Raises:
             InstrumentError: the marker stream stalled or ended.
@@ -251,8 +251,8 @@ class Rig:
     def recording(self, recorder: Recorder) -> Iterator[None]:
         """While inside, `recorder` gets every frame that comes and every pressure that is read, the vent's too."""
         with ExitStack() as observing:
-            take_pressure = kept_by(recorder, recorder.take_pressure)
-            take_frames = kept_by(recorder, recorder.take_frames)
+            take_pressure = errors_to_recorder(recorder, recorder.take_pressure)
+            take_frames = errors_to_recorder(recorder, recorder.take_frames)
             observing.enter_context(self._supervisor.observing(take_pressure))
             observing.enter_context(self._instruments.feed.observing(take_frames))
             yield

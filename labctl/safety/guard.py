@@ -59,7 +59,7 @@ class GuardOrders:
 
 
 class Guard(Protocol):
-    """The guard of one rig: started before anything is energised, told to stand down after SAFE."""
+    """The guard of one rig: started before anything is energised, stood down after SAFE."""
 
     def wait_armed(self) -> None:
         """Return when the guard is ready to act.
@@ -78,11 +78,11 @@ class Guard(Protocol):
         ...
 
     def energised(self) -> None:
-        """From now on the guard asks for beats."""
+        """From now on the guard vents where beats stay away."""
         ...
 
     def safe(self) -> None:
-        """SAFE was read back: no beats are asked for any more."""
+        """SAFE was read back: beats may stay away."""
         ...
 
     def stand_down(self) -> None:
@@ -136,11 +136,11 @@ class GuardProcess:
         self._send(BEAT)
 
     def energised(self) -> None:
-        """From now on the guard asks for beats."""
+        """From now on the guard vents where beats stay away."""
         self._send(ENERGISED)
 
     def safe(self) -> None:
-        """SAFE was read back: no beats are asked for any more."""
+        """SAFE was read back: beats may stay away."""
         self._send(SAFE)
 
     def stand_down(self) -> None:
@@ -174,7 +174,7 @@ class GuardProcess:
             # The pipe is full: nobody has read for an hour. The supervisor sees it by `alive`.
             self._is_deaf = True
         except BrokenPipeError:
-            # The guard is gone; `alive` tells.
+            # The guard is gone; `alive` returns it.
             return
 
     def _close(self) -> None:

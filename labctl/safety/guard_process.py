@@ -1,7 +1,7 @@
 """The guard process: waits on a pipe, and takes the rig to SAFE when the program at its other end is gone.
 
-It acts before it speaks, and speaks without waiting: a terminal that is stopped, closed or absent keeps nothing from
-being vented. What it did also goes to the system log. A real rig that does not read back SAFE is tried again for ten
+It acts before it reports, and reports without waiting: a terminal that is stopped, closed or absent hinders no
+vent. What it did also goes to the system log. A real rig that does not read back SAFE is tried again for ten
 minutes; after the first report the guard lets go of the terminal, so that nobody waits for it. A simulated rig is not
 tried again: the next one may have its ports.
 """
@@ -27,7 +27,7 @@ TRY_AGAIN_S = 600.0
 
 _FIRST_PATIENCE_S = 5.0
 _PAUSE_S = 2.0
-_SPEAK_S = 1.0
+_REPORT_S = 1.0
 
 
 def take_to_safe(
@@ -43,7 +43,7 @@ def take_to_safe(
     notify(report.describe())
     if report.safe or reach.simulated:
         return report
-    notify(f"trying again for {TRY_AGAIN_S / 60:g} minutes; the system log tells how it ends")
+    notify(f"trying again for {TRY_AGAIN_S / 60:g} minutes; the system log records how it ends")
     release_terminal()
     while not report.safe and scheduler.now_s() < end_s:
         scheduler.sleep(_PAUSE_S)
@@ -57,7 +57,7 @@ def main() -> int:
     """The guard process."""
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
-    pipe = open(0, "rb", buffering=0)  # noqa: SIM115 - a descriptor, held for the whole life
+    pipe = open(0, "rb", buffering=0)  # noqa: SIM115 - a descriptor, held until the process ends
     orders = GuardOrders.from_json(_read_line(pipe))
     terminal = NonBlockingOutput(lambda text: _write_terminal(f"guard: {orders.reach.rig_name}: {text}\n"))
 
@@ -73,19 +73,19 @@ def main() -> int:
             notify(f"process {orders.parent_pid} had hung with the rig energised and was ended")
 
     def release_terminal() -> None:
-        terminal.finish(_SPEAK_S)
+        terminal.finish(_REPORT_S)
         with suppress(OSError):
             null = os.open(os.devnull, os.O_RDWR)
             os.dup2(null, 1)
             os.dup2(null, 2)
 
-    # A program that gave up opening the rig no longer listens; its last byte on the pipe says what to do.
+    # A program that gave up opening the rig no longer reads; its last byte on the pipe states what to do.
     with suppress(OSError):
         os.write(1, ARMED)
     if not watch(partial(_receive, pipe), end_parent):
         return 0
     report = take_to_safe(orders.reach, WallClock(), SYSTEM_WIRES, notify, release_terminal)
-    terminal.finish(_SPEAK_S)
+    terminal.finish(_REPORT_S)
     return 0 if report.safe else 1
 
 

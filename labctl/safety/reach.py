@@ -33,7 +33,7 @@ class Reach:
 
     @classmethod
     def of(cls, config: RigConfig) -> "Reach":
-        """What a rig's configuration says of it."""
+        """The part of a rig's configuration that the guard needs."""
         return cls(
             config.name, config.speed, config.simulated, config.regulator, config.valves, config.limits
         )

@@ -27,7 +27,7 @@ _CALM_S = 0.5
 
 @dataclass(frozen=True)
 class SafeReport:
-    """What the instruments said after they were told to be safe; None is what could not be read.
+    """What was read back after the commands to SAFE; None is what could not be read.
 
     `vented_by` is "exhaust" or "dump" as read back. `problems` holds every reason why the rig is not SAFE;
     it is empty exactly when `safe` is true.
@@ -127,7 +127,7 @@ def reach_and_make_safe(
     venting = _Aside(vent, scheduler, "to SAFE: regulator")
     switching = _Aside(switch_off, scheduler, "to SAFE: valves")
     report = judge(venting.result(tick), switching.result(tick), limits, dump_channel)
-    # Failed commands say why a rig is not SAFE; alone they do not count against a state that reads SAFE.
+    # Failed commands are reasons why a rig is not SAFE; alone they do not count against a state that reads SAFE.
     failures = (*regulator_side.failures, *valve_side.failures)
     return report if report.safe else replace(report, problems=(*report.problems, *failures))
 

@@ -136,12 +136,12 @@ class Supervisor:
     def energising(self, check: Callable[[], None]) -> Iterator[None]:
         """Write to the instruments inside: no poll falls between a write and its `expect`.
 
-        `check` raises where nothing may be energised; it is asked again once the instruments are ours.
+        `check` raises where nothing may be energised; it is called again once the instruments are ours.
         """
         check()
         with self._bus:
             check()
-            # What was read back before says nothing of the rig from here on.
+            # What was read back before does not hold from here on.
             self.safe_report = None
             self.beat()
             self._armed = True
@@ -179,7 +179,7 @@ class Supervisor:
             )
             self._set_expected(Expected(mode="vented" if self._regulator.can_exhaust else None))
             if report.safe:
-                # No beat is asked for any more.
+                # No beat is needed any more.
                 self._armed = False
                 self._guard.safe()
             self.safe_report = report

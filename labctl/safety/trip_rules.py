@@ -20,7 +20,7 @@ class Expected:
     """What the instruments must read back: what was last written, as the read-back confirmed it.
 
     `mode` is "control" while the regulator is to follow its setpoint (neither held nor exhausting), "vented"
-    after SAFE, None where neither was asked for.
+    after SAFE, None where neither was commanded.
     """
 
     setpoint_psi: float = 0.0
@@ -52,14 +52,14 @@ def regulator_reason(reading: PressureReading, expected: Expected) -> str | None
             f"setpoint reads back {reading.setpoint_psi:.2f} psi, {expected.setpoint_psi:.2f} psi was written"
         )
     if expected.mode == "control" and (reading.holding or reading.exhausting):
-        return "the regulator reads back held or exhausting, and was told to follow its setpoint"
+        return "the regulator reads back held or exhausting, and was commanded to follow its setpoint"
     if expected.mode == "vented" and not reading.exhausting:
-        return "the exhaust reads back closed, and was told to stay open"
+        return "the exhaust reads back closed, and was commanded to stay open"
     return None
 
 
 def follows(reading: PressureReading, expected: Expected, limits: Limits) -> bool:
-    """Whether the pressure is where its setpoint asks it to be, as far as it is asked for."""
+    """Whether the pressure follows its setpoint; true where it is not commanded to."""
     lag_psi = abs(reading.gauge_psi - expected.setpoint_psi)
     return expected.mode != "control" or lag_psi <= limits.follow_within_psi
 

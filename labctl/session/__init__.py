@@ -1,1 +1,1 @@
-"""A run of a protocol: its plan, its trials one after the other, pausing, stopping, going on later."""
+"""A run of a protocol: its plan, its trials one after the other, pausing, stopping, continuing later."""

@@ -1,7 +1,7 @@
 """One attempt at one trial: the checklist done under a recorder, the numbers derived, all of it committed.
 
-The order is what keeps a measurement: teardown first, then the raw files are whole on the disk, then the numbers are
-derived from these files, then the ledger commits the trial; only then does anybody hear of it.
+The order is what keeps a measurement: teardown first, then the raw files are complete on the disk, then the numbers
+are derived from these files, then the ledger commits the trial; only then is it reported.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,7 +20,7 @@ from labctl.plain_json import to_json
 from labctl.rig import Rig
 from labctl.session.contract import Bench, Step, Trial
 from labctl.session.events import write_event
-from labctl.session.perform import Performed, perform
+from labctl.session.perform import PerformedChecklist, perform
 from labctl.session.run_stop import RunStop
 
 
@@ -33,38 +33,40 @@ class Attempt:
 
 
 @dataclass(frozen=True)
-class Workplace:
-    """What every attempt of a run works with. `show` is told the step, and where its pressure is."""
+class RunContext:
+    """What every attempt of a run works with. `show_step` gets the present step, and its progress."""
 
     rig: Rig
     run: RunRecord
     ledger: LedgerWriter
     stop: RunStop
-    show: Callable[[str, str], None]
+    show_step: Callable[[str, str], None]
 
 
-def attempt(trial: Trial, number: int, at: Workplace) -> Attempt:
+def attempt(trial: Trial, number: int, context: RunContext) -> Attempt:
     """Do a trial once and commit what came of it; `number` counts attempts from 1.
 
     Raises:
         LabError: it could not be committed; the teardown was done by then.
     """
     begun = now()
-    write_event(at.ledger, at.run.number, "trial-begun", {"number": trial.number, "attempt": number})
-    recorder = RawRecorder(at.ledger.folder, _stem(at, trial, number))
+    write_event(
+        context.ledger, context.run.number, "trial-begun", {"number": trial.number, "attempt": number}
+    )
+    recorder = RawRecorder(context.ledger.folder, _stem(context, trial, number))
     windows: list[Window] = []
-    performed = _perform(trial, at, recorder, windows)
-    raw, error = _finish(recorder, performed.first_error or _trip(at.rig))
+    performed = _perform(trial, context, recorder, windows)
+    raw, error = _finish(recorder, performed.first_error or _trip(context.rig))
     result = None
     if windows and len(raw) == 2:
         try:
-            result = _derive(at, trial, raw, windows)
+            result = _derive(context, trial, raw, windows)
         # What was recorded must reach the ledger, whatever its numbers do.
         except Exception as caught:
             error = error or caught
-    outcome, reason = _judge(at, trial, performed, error, result)
+    outcome, reason = _judge(context, trial, performed, error, result)
     record = TrialRecord(
-        run=at.run.number,
+        run=context.run.number,
         number=trial.number,
         attempt=number,
         placement=trial.placement,
@@ -77,33 +79,35 @@ def attempt(trial: Trial, number: int, at: Workplace) -> Attempt:
         windows=tuple(windows),
         raw=raw,
         result=result,
-        safe=_safe(at.rig),
+        safe=_safe(context.rig),
     )
-    at.ledger.add_trial(record)
+    context.ledger.add_trial(record)
     return Attempt(record, error)
 
 
-def _perform(trial: Trial, at: Workplace, recorder: RawRecorder, windows: list[Window]) -> Performed:
+def _perform(
+    trial: Trial, context: RunContext, recorder: RawRecorder, windows: list[Window]
+) -> PerformedChecklist:
     present = ""
 
-    def begin(step: Step) -> None:
+    def on_step(step: Step) -> None:
         nonlocal present
         present = f"trial {trial.number}: {step.description}"
-        at.show(present, "")
+        context.show_step(present, "")
 
-    bench = Bench(at.rig, windows.append, lambda detail: at.show(present, detail))
-    with at.rig.recording(recorder):
-        performed = perform(trial.checklist, bench, at.stop, begin)
-        if at.rig.safe_report is not None:
+    bench = Bench(context.rig, windows.append, lambda detail: context.show_step(present, detail))
+    with context.rig.recording(recorder):
+        performed = perform(trial.checklist, bench, context.stop, on_step)
+        if context.rig.safe_report is not None:
             return performed
         # Nothing stays under pressure while files are written and numbers derived.
-        at.rig.make_safe()
+        context.rig.make_safe()
         left = LabError("the teardown left the rig energised: put vent_and_unjam into it")
         return replace(performed, teardown_errors=(*performed.teardown_errors, left))
 
 
 def _trip(rig: Rig) -> Tripped | None:
-    """What the supervisor vented the rig for where no step was left to be told."""
+    """The supervisor's trip that no step was left to meet."""
     try:
         rig.check()
     except Tripped as trip:
@@ -124,33 +128,35 @@ def _finish(
         return {}, error or caught
 
 
-def _derive(at: Workplace, trial: Trial, raw: Mapping[str, RawFile], windows: list[Window]) -> TrialResult:
-    folder = Path(at.ledger.folder)
+def _derive(
+    context: RunContext, trial: Trial, raw: Mapping[str, RawFile], windows: list[Window]
+) -> TrialResult:
+    folder = Path(context.ledger.folder)
     frames = read_frames(folder / raw["frames"].path)
     pressures = read_pressures(folder / raw["pressures"].path)
-    result = derive(frames, pressures, windows, at.run.basis(trial.pattern))
-    # Numbers that the ledger does not hold must not keep the rest of the trial out of it.
+    result = derive(frames, pressures, windows, context.run.basis(trial.pattern))
+    # Numbers that the ledger cannot hold must not keep the rest of the trial out of it.
     to_json(result, "result")
     return result
 
 
 def _judge(
-    at: Workplace,
+    context: RunContext,
     trial: Trial,
-    performed: Performed,
+    performed: PerformedChecklist,
     error: BaseException | None,
     result: TrialResult | None,
 ) -> tuple[Outcome, str]:
     """What the attempt counts as, and why it is not good."""
-    if error is None and at.stop.asked:
-        # It was complete, but the person wanted it ended: not for us to call it good.
-        return "aborted", "stopped while the trial was being put away"
+    if error is None and context.stop.requested:
+        # It was complete, but the operator requested its end: it does not count as good.
+        return "aborted", "stopped while the trial was being recorded"
     if error is not None:
         where = f"{performed.step.description}: " if error is performed.error else ""
-        words = str(error) if isinstance(error, LabError) else repr(error)
+        cause = str(error) if isinstance(error, LabError) else repr(error)
         stopped = isinstance(error, Stopped) or not isinstance(error, Exception)
-        return ("aborted" if stopped else "failed"), f"{where}{words}"
-    if at.rig.safe_report is None or not at.rig.safe_report.safe:
+        return ("aborted" if stopped else "failed"), f"{where}{cause}"
+    if context.rig.safe_report is None or not context.rig.safe_report.safe:
         return "failed", "SAFE was not read back after the trial"
     if result is None:
         return "failed", "no window of the recording was marked: the protocol measures nothing"
@@ -170,6 +176,6 @@ def _safe(rig: Rig) -> SafeReadBack:
     return SafeReadBack(report.safe, report.describe())
 
 
-def _stem(at: Workplace, trial: Trial, number: int) -> str:
-    folder = at.ledger.raw_folder(at.run).relative_to(at.ledger.folder)
+def _stem(context: RunContext, trial: Trial, number: int) -> str:
+    folder = context.ledger.raw_folder(context.run).relative_to(context.ledger.folder)
     return f"{folder.as_posix()}/trial-{trial.number:02d}-{number}"

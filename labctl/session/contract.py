@@ -17,18 +17,18 @@ from labctl.rig import Rig
 
 @dataclass(frozen=True)
 class Bench:
-    """What a step works with: the rig, a place to mark the windows of the recording, a place to say how it goes."""
+    """What a step works with: the rig, where to mark windows of the recording, where to show progress as text."""
 
     rig: Rig
-    mark: Callable[[Window], None]
-    show: Callable[[str], None]
+    mark_window: Callable[[Window], None]
+    show_progress: Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Step:
     """One line of a checklist.
 
-    `description` as the laboratory says it; `lasts_s` usually, `deadline_s` at most, on the rig's clock: a step that
+    `description` is the checklist's text; `lasts_s` usually, `deadline_s` at most, on the rig's clock: a step that
     waits by the rig's verbs is ended then. `pressure_psi` is the gauge pressure that it takes the sheet to and
     `channels` the valves that it opens, for the check of the limits before anything moves.
     """
@@ -57,7 +57,7 @@ class Checklist:
 
 @dataclass(frozen=True)
 class Trial:
-    """One planned trial; `number` counts from 1. `sheet` is what must lie on the rig, in words; "" for any."""
+    """One planned trial; `number` counts from 1. `sheet` describes the sheet that must lie on the rig; "" for any."""
 
     number: int
     placement: str
@@ -80,9 +80,9 @@ class AllowedCounts:
 class Protocol:
     """A scripted measurement.
 
-    `summary` is one line for a person. `pressures_psi` and `trials` are used where nothing was asked for; `watch_s`
+    `summary` is one line for a person. `pressures_psi` and `trials` are used where the options name none; `watch_s`
     is how long the sheet is watched after venting, None where it is not. `placements` makes the orders of the
-    sheets from the patterns, None where the sheet stays. `plan` makes the trials; it asks no instrument.
+    sheets from the patterns, None where the sheet stays. `plan` makes the trials; it contacts no instrument.
     """
 
     name: str

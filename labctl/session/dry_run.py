@@ -24,19 +24,19 @@ class RepeatedTrials:
 
 
 def group_repeated(trials: Sequence[Trial]) -> tuple[RepeatedTrials, ...]:
-    """The plan, trials that are alike together, in the order in which each kind comes first."""
-    kinds: dict[tuple[object, ...], list[Trial]] = {}
+    """The plan, repeated trials together, in the order in which the first of each comes."""
+    repeated: dict[tuple[object, ...], list[Trial]] = {}
     for trial in trials:
-        words = tuple(step.description for step in trial.checklist.steps)
-        kinds.setdefault((trial.placement, trial.pattern, trial.pressures_psi, words), []).append(trial)
+        steps = tuple(step.description for step in trial.checklist.steps)
+        repeated.setdefault((trial.placement, trial.pattern, trial.pressures_psi, steps), []).append(trial)
     return tuple(
         RepeatedTrials(
-            tuple(trial.number for trial in alike),
-            alike[0].placement,
-            alike[0].pattern,
-            alike[0].pressures_psi,
-            alike[0].sheet,
-            alike[0].checklist,
+            tuple(trial.number for trial in same),
+            same[0].placement,
+            same[0].pattern,
+            same[0].pressures_psi,
+            same[0].sheet,
+            same[0].checklist,
         )
-        for alike in kinds.values()
+        for same in repeated.values()
     )

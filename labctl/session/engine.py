@@ -1,6 +1,7 @@
 """A run: its trials one after the other, each tried until it is good or out of attempts.
 
-Between two trials the rig is SAFE: that is where a run pauses, asks for another sheet, or goes on another day.
+Between two trials the rig is SAFE: that is where a run pauses, waits for another sheet, or is
+continued on another day.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,7 +13,7 @@ from labctl.ledger.records import RunRecord, TrialRecord
 from labctl.ledger.writer import LedgerWriter
 from labctl.plain_json import to_json
 from labctl.rig import Rig
-from labctl.session.attempt import Attempt, Workplace, attempt
+from labctl.session.attempt import Attempt, RunContext, attempt
 from labctl.session.contract import Trial
 from labctl.session.events import begun_attempts, write_event
 from labctl.session.run_stop import RunStop
@@ -30,18 +31,18 @@ class RunFailed(LabError):
 
 
 @dataclass(frozen=True)
-class Listener:
-    """Who is told how a run goes.
+class RunObserver:
+    """The callbacks that report a run.
 
-    `committed` hears of each attempt once it is in the ledger, `show` is told the present step and how it goes,
-    `note` gets a line worth keeping. `mount` returns when the sheet that it is told lies on the rig; it waits by the
-    rig's `wait`, which sees a stop.
+    `trial_committed` gets each attempt once it is in the ledger, `show_step` the present step and its progress,
+    `notify` one line of text for a person. `mount_sheet` returns when the sheet that it is given lies on the rig; it
+    waits by the rig's `wait`, which sees a stop.
     """
 
-    committed: Callable[[TrialRecord], None]
-    show: Callable[[str, str], None]
-    note: Callable[[str], None]
-    mount: Callable[[str, Rig], None]
+    trial_committed: Callable[[TrialRecord], None]
+    show_step: Callable[[str, str], None]
+    notify: Callable[[str], None]
+    mount_sheet: Callable[[str, Rig], None]
 
 
 def conduct(
@@ -51,58 +52,62 @@ def conduct(
     attempts: int,
     ledger: LedgerWriter,
     stop: RunStop,
-    listener: Listener,
+    observer: RunObserver,
 ) -> tuple[RunRecord, RunSummary]:
-    """Do every trial that the ledger has no good record of, and say in the ledger how it ended.
+    """Do every trial that the ledger has no good record of, and record in the ledger how the run ended.
 
-    `register` puts the run, or its being continued, into the ledger once the rig has answered. Each trial is tried
+    `register` puts the run, or its continuation, into the ledger once the rig has answered. Each trial is tried
     at most `attempts` times. The run is finished only after the rig was closed and SAFE was read back.
 
     Raises:
         RunFailed: a trial was not good in any attempt.
-        Stopped, Tripped, Unsafe, LabError: what ended the run; the event "interrupted" says so.
+        Stopped, Tripped, Unsafe, LabError: what ended the run; the event "interrupted" records it.
     """
     run: RunRecord | None = None
     try:
         with opened as rig:
             run = register(rig)
-            at = Workplace(rig, run, ledger, stop, listener.show)
-            _run_trials(trials, attempts, at, listener)
+            context = RunContext(rig, run, ledger, stop, observer.show_step)
+            _run_trials(trials, attempts, context, observer)
     except BaseException as error:
         if run is not None:
             kind = "failed" if isinstance(error, RunFailed) else "interrupted"
-            _note_the_end(ledger, run, kind, str(error) or repr(error), listener)
+            _record_the_end(ledger, run, kind, str(error) or repr(error), observer)
         raise
     summary = summarise(run, ledger.trials(run.number))
     write_event(ledger, run.number, "finished", {"summary": to_json(summary, "summary")})
     return run, summary
 
 
-def _note_the_end(ledger: LedgerWriter, run: RunRecord, kind: str, reason: str, listener: Listener) -> None:
+def _record_the_end(
+    ledger: LedgerWriter, run: RunRecord, kind: str, reason: str, observer: RunObserver
+) -> None:
     try:
         write_event(ledger, run.number, kind, {"reason": reason})
-    # Why the run ended is what the person must hear first.
+    # Why the run ended is what must be reported first.
     except LabError as error:
-        listener.note(f"the ledger does not know how run {run.number} ended: {error}")
+        observer.notify(f"the ledger lacks how run {run.number} ended: {error}")
 
 
-def _run_trials(trials: Sequence[Trial], attempts: int, at: Workplace, listener: Listener) -> None:
-    at.show("taking the rig to SAFE", "")
-    report = at.rig.make_safe()
+def _run_trials(trials: Sequence[Trial], attempts: int, context: RunContext, observer: RunObserver) -> None:
+    context.show_step("taking the rig to SAFE", "")
+    report = context.rig.make_safe()
     if not report.safe:
-        raise Unsafe(f"{at.rig.config.name}: {report.describe()}")
-    records = at.ledger.trials(at.run.number)
+        raise Unsafe(f"{context.rig.config.name}: {report.describe()}")
+    records = context.ledger.trials(context.run.number)
     done = {record.number for record in records if record.outcome == "good"}
     mounted = ""
     for trial in trials:
         if trial.number in done:
             continue
-        _pause_if_asked(at, listener)
+        _pause_if_requested(context, observer)
         if trial.sheet and trial.sheet != mounted:
-            listener.mount(trial.sheet, at.rig)
+            observer.mount_sheet(trial.sheet, context.rig)
             mounted = trial.sheet
-            write_event(at.ledger, at.run.number, "sheet-laid", {"sheet": mounted})
-        _until_good(trial, last_attempt(at.ledger, at.run.number, trial.number), attempts, at, listener)
+            write_event(context.ledger, context.run.number, "sheet-laid", {"sheet": mounted})
+        _until_good(
+            trial, last_attempt(context.ledger, context.run.number, trial.number), attempts, context, observer
+        )
 
 
 def last_attempt(ledger: LedgerWriter, run: int, trial: int) -> int:
@@ -110,23 +115,24 @@ def last_attempt(ledger: LedgerWriter, run: int, trial: int) -> int:
     return max((attempt for number, attempt in begun_attempts(ledger, run) if number == trial), default=0)
 
 
-def _until_good(trial: Trial, tried: int, attempts: int, at: Workplace, listener: Listener) -> None:
+def _until_good(trial: Trial, tried: int, attempts: int, context: RunContext, observer: RunObserver) -> None:
     for number in range(tried + 1, tried + attempts + 1):
-        _pause_if_asked(at, listener)
-        made = attempt(trial, number, at)
-        listener.committed(made.record)
-        _require_that_it_may_go_on(made, at)
+        _pause_if_requested(context, observer)
+        made = attempt(trial, number, context)
+        observer.trial_committed(made.record)
+        _raise_what_ends_the_run(made, context)
         if made.record.outcome == "good":
             return
+    count = "1 attempt" if attempts == 1 else f"{attempts} attempts"
     raise RunFailed(
-        f"trial {trial.number} was not good in {attempts} attempts (the last: {made.record.reason}); mend that, then "
-        f"go on with labctl run --continue {at.run.number}",
+        f"trial {trial.number} was not good in {count} (the last: {made.record.reason}); remove the cause, then "
+        f"continue with labctl run --continue {context.run.number}",
         made.record.reason,
     ) from made.error
 
 
-def _require_that_it_may_go_on(made: Attempt, at: Workplace) -> None:
-    """Raise what must end the run: a stop, a trip, a rig that is not SAFE, a defect."""
+def _raise_what_ends_the_run(made: Attempt, context: RunContext) -> None:
+    """Raise whatever of an attempt must end the run: a stop, a trip, a rig that is not SAFE, a defect."""
     error = made.error
     if isinstance(error, SystemExit):
         # Its exit code may be 0, and a run that was ended is no success.
@@ -136,18 +142,18 @@ def _require_that_it_may_go_on(made: Attempt, at: Workplace) -> None:
     ):
         raise error
     # A stop that came too late for the step to see it, a trip during the teardown.
-    at.rig.check()
+    context.rig.check()
     if not made.record.safe.safe:
-        raise Unsafe(f"{at.rig.config.name}: {made.record.safe.words}")
+        raise Unsafe(f"{context.rig.config.name}: {made.record.safe.words}")
 
 
-def _pause_if_asked(at: Workplace, listener: Listener) -> None:
-    if not at.stop.pause_asked:
+def _pause_if_requested(context: RunContext, observer: RunObserver) -> None:
+    if not context.stop.pause_requested:
         return
-    write_event(at.ledger, at.run.number, "paused", {})
-    listener.note("paused, the rig SAFE: labctl resume goes on, labctl abort or Ctrl-C ends the run")
-    while at.stop.pause_asked:
-        at.rig.wait(_PAUSE_LOOK_S * at.rig.config.speed)
-    at.rig.check()
-    write_event(at.ledger, at.run.number, "resumed", {})
-    listener.note("resumed")
+    write_event(context.ledger, context.run.number, "paused", {})
+    observer.notify("paused, the rig SAFE: labctl resume resumes the run, labctl abort or Ctrl-C ends it")
+    while context.stop.pause_requested:
+        context.rig.wait(_PAUSE_LOOK_S * context.rig.config.speed)
+    context.rig.check()
+    write_event(context.ledger, context.run.number, "resumed", {})
+    observer.notify("resumed")

@@ -8,7 +8,7 @@ from labctl.session.run_stop import RunStop
 
 
 @dataclass(frozen=True)
-class Performed:
+class PerformedChecklist:
     """How a checklist ended: the error that ended it, and those of the teardown; none where all was done."""
 
     step: Step
@@ -22,34 +22,34 @@ class Performed:
 
 
 def perform(
-    checklist: Checklist, bench: Bench, stop: RunStop, begin: Callable[[Step], None] = lambda _: None
-) -> Performed:
-    """Do a checklist; raises nothing. `begin` is told each step before it is done.
+    checklist: Checklist, bench: Bench, stop: RunStop, on_step: Callable[[Step], None] = lambda _: None
+) -> PerformedChecklist:
+    """Do a checklist; raises nothing. `on_step` gets each step before it is done.
 
-    What is no `Exception` (an interrupt out of nowhere, an exit) ends setup and main like any error and is handed
-    back, so that teardown and the record of the trial come first.
+    What is no `Exception` (an interrupt out of nowhere, an exit) ends setup and main like any error and is
+    returned, so that teardown and the record of the trial come first.
     """
     done = checklist.steps[0]
     error: BaseException | None = None
     try:
         for step in (*checklist.setup, *checklist.main):
             done = step
-            _do(step, bench, stop, begin, teardown=False)
+            _do(step, bench, stop, on_step, teardown=False)
     except BaseException as caught:
         error = caught
     failed_teardown: list[BaseException] = []
     for step in checklist.teardown:
         try:
-            _do(step, bench, stop, begin, teardown=True)
+            _do(step, bench, stop, on_step, teardown=True)
         # The next step of a teardown is done whatever became of this one.
         except BaseException as caught:
             failed_teardown.append(caught)
-    return Performed(done, error, tuple(failed_teardown))
+    return PerformedChecklist(done, error, tuple(failed_teardown))
 
 
-def _do(step: Step, bench: Bench, stop: RunStop, begin: Callable[[Step], None], *, teardown: bool) -> None:
+def _do(step: Step, bench: Bench, stop: RunStop, on_step: Callable[[Step], None], *, teardown: bool) -> None:
     if not teardown:
         stop.check()
     with stop.during(step.description, step.deadline_s, bench.rig.clock, teardown=teardown):
-        begin(step)
+        on_step(step)
         step.do(bench)

@@ -11,7 +11,7 @@ from labctl.session.request import RunOptions, complete
 
 @dataclass(frozen=True)
 class PreparedRun:
-    """A request with its protocol and design; `run` is the record of a run that goes on, None for a new one."""
+    """A request with its protocol and design; `run` is the record of a run that is continued, None for a new one."""
 
     protocol: Protocol
     request: RunRequest
@@ -20,11 +20,11 @@ class PreparedRun:
     run: RunRecord | None = None
 
 
-def prepare(protocol: Protocol, asked: RunOptions, design_name: str) -> PreparedRun:
+def prepare(protocol: Protocol, options: RunOptions, design_name: str) -> PreparedRun:
     """A new run.
 
     Raises:
-        BadInput: no such design, or the protocol does not take what was asked for.
+        BadInput: no such design, or the protocol does not take what the options give.
     """
     design = load_design(design_name)
-    return PreparedRun(protocol, complete(protocol, asked, design), design, design_text(design_name))
+    return PreparedRun(protocol, complete(protocol, options, design), design, design_text(design_name))

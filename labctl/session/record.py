@@ -1,4 +1,4 @@
-"""The ledger's record of a new run: what was asked for, on which rig, by which programs, and what was simulated."""
+"""The ledger's record of a new run: the request, on which rig, by which programs, and what was simulated."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -26,14 +26,14 @@ def simulated_heights(
         BadInput, LabError: a pattern that cannot be simulated.
     """
     points_mm = config.markers.points_mm()
-    wanted = dict.fromkeys((trial.pattern, psi) for trial in trials for psi in trial.pressures_psi)
+    levels = dict.fromkeys((trial.pattern, psi) for trial in trials for psi in trial.pressures_psi)
     return tuple(
         SimulatedHeights(pattern, psi, _heights_mm(design, pattern, psi, points_mm))
-        for pattern, psi in wanted
+        for pattern, psi in levels
     )
 
 
-def begin_run(
+def record_new_run(
     ledger: LedgerWriter,
     prepared: PreparedRun,
     planned_trials: int,
@@ -42,7 +42,7 @@ def begin_run(
     operator: str,
     note: str,
 ) -> RunRecord:
-    """Put a new run into the ledger, with all that says how it was made."""
+    """Put a new run into the ledger, with everything that it was made with."""
     return ledger.begin_run(
         RunRecord(
             number=0,
@@ -69,7 +69,7 @@ def begin_run(
 def _heights_mm(
     design: Design, pattern: str, pressure_psi: float, points_mm: np.ndarray
 ) -> tuple[float, ...]:
-    # Not before it is wanted: what is asked for wrongly should be answered at once.
+    # Imported only here: it takes a second, and bad input is refused before it.
     from labctl.simulation.simulate import simulate_pattern
 
     simulated = simulate_pattern(design, pattern, design.sheet.strain_at(pressure_psi))

@@ -1,4 +1,4 @@
-"""From what was asked for to a complete request and its plan, every mistake refused before anything moves."""
+"""From options to a complete request and its plan, every mistake refused before anything moves."""
 
 import traceback
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ LONGEST_WATCH_S = 6 * 3600.0
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What a person asked for; None and empty are left to the protocol."""
+    """What was given on the command line; None and empty are left to the protocol."""
 
     patterns: tuple[str, ...]
     pressures_psi: tuple[float, ...] = ()
@@ -31,50 +31,50 @@ class RunOptions:
     watch_s: float | None = None
 
 
-def complete(protocol: Protocol, asked: RunOptions, design: Design) -> RunRequest:
+def complete(protocol: Protocol, options: RunOptions, design: Design) -> RunRequest:
     """Fill in the protocol's own values.
 
     Raises:
-        BadInput: the protocol does not take what was asked for.
+        BadInput: the protocol does not take what the options give.
     """
     has = f"; design {design.name} ({design.source}) has {', '.join(sorted(design.patterns))}"
-    _require_count(protocol, "--pattern", len(asked.patterns), protocol.allowed.patterns, has)
-    pressures_psi = asked.pressures_psi or protocol.pressures_psi
+    _require_count(protocol, "--pattern", len(options.patterns), protocol.allowed.patterns, has)
+    pressures_psi = options.pressures_psi or protocol.pressures_psi
     _require_count(protocol, "--pressure", len(pressures_psi), protocol.allowed.pressures)
-    for name, values in (("pattern", asked.patterns), ("pressure", pressures_psi)):
+    for name, values in (("pattern", options.patterns), ("pressure", pressures_psi)):
         if len(set(values)) < len(values):
             raise BadInput(f"{protocol.name}: a {name} is named twice: {', '.join(map(str, values))}")
-    for pattern in asked.patterns:
+    for pattern in options.patterns:
         if not design.jammed(pattern):
             raise BadInput(f"pattern {pattern!r} of design {design.name} ({design.source}) stiffens no fiber")
-    if asked.watch_s is not None and protocol.watch_s is None:
+    if options.watch_s is not None and protocol.watch_s is None:
         raise BadInput(f"{protocol.name} does not watch the sheet after venting: leave --watch out")
-    if asked.watch_s is not None and asked.watch_s < SHORTEST_WATCH_S:
+    if options.watch_s is not None and options.watch_s < SHORTEST_WATCH_S:
         raise BadInput(
-            f"--watch {asked.watch_s:g} s is below {SHORTEST_WATCH_S:g} s: it gives fewer than {FEWEST_SAMPLES} "
+            f"--watch {options.watch_s:g} s is below {SHORTEST_WATCH_S:g} s: it gives fewer than {FEWEST_SAMPLES} "
             "heights, from which no time constant can be had"
         )
-    if asked.watch_s is not None and asked.watch_s > LONGEST_WATCH_S:
+    if options.watch_s is not None and options.watch_s > LONGEST_WATCH_S:
         raise BadInput(
-            f"--watch {asked.watch_s:g} s is above {LONGEST_WATCH_S:g} s; watch a sheet that creeps for longer in "
+            f"--watch {options.watch_s:g} s is above {LONGEST_WATCH_S:g} s; watch a sheet that creeps for longer in "
             "several trials"
         )
-    trials = protocol.trials if asked.trials is None else asked.trials
+    trials = protocol.trials if options.trials is None else options.trials
     fewest, most = protocol.allowed.trials
     if not fewest <= trials <= most:
-        wanted = f"{fewest}" if fewest == most else f"{fewest} to {most}"
+        allowed = f"{fewest}" if fewest == most else f"{fewest} to {most}"
         raise BadInput(
-            f"{protocol.name} does {wanted} trial{'s' if most > 1 else ''} of each kind, and --trials is {trials}; "
+            f"{protocol.name} does {allowed} trial{'s' if most > 1 else ''} of each kind, and --trials is {trials}; "
             "five-trial repeats a measurement"
         )
     return RunRequest(
         protocol=protocol.name,
-        patterns=asked.patterns,
+        patterns=options.patterns,
         pressures_psi=pressures_psi,
         trials=trials,
-        attempts=asked.attempts,
-        placements=_placements(protocol, asked, design),
-        watch_s=protocol.watch_s if asked.watch_s is None else asked.watch_s,
+        attempts=options.attempts,
+        placements=_placements(protocol, options, design),
+        watch_s=protocol.watch_s if options.watch_s is None else options.watch_s,
     )
 
 
@@ -89,7 +89,7 @@ def plan(protocol: Protocol, request: RunRequest, design: Design, rig: RigConfig
     check_fit(design, rig)
     trials = _planned(protocol, request, design, rig)
     if not 0 < len(trials) <= MOST_TRIALS:
-        raise BadInput(f"{protocol.name}: a plan of {len(trials)} trials; 1 to {MOST_TRIALS} can be run")
+        raise BadInput(f"{protocol.name}: its plan has {len(trials)} trials; 1 to {MOST_TRIALS} can be run")
     if [trial.number for trial in trials] != list(range(1, len(trials) + 1)):
         raise BadInput(
             f"{protocol.name}: its plan does not number its {len(trials)} trials from 1 on, in order"
@@ -130,23 +130,23 @@ def _require_count(
 ) -> None:
     least, most = takes
     if not least <= given <= most:
-        wanted = f"{least}" if least == most else f"{least} to {most}"
+        allowed = f"{least}" if least == most else f"{least} to {most}"
         raise BadInput(
-            f"{protocol.name} takes {wanted} {option}, {given} given; repeat the option for each{has}"
+            f"{protocol.name} takes {allowed} {option}, {given} given; repeat the option for each{has}"
         )
 
 
-def _placements(protocol: Protocol, asked: RunOptions, design: Design) -> tuple[str, ...]:
-    """How the fibers lie on the sheet, in Table III's words."""
+def _placements(protocol: Protocol, options: RunOptions, design: Design) -> tuple[str, ...]:
+    """How the fibers lie on the sheet, in the terms of Table III."""
     if protocol.placements is not None:
-        if asked.placement is not None:
+        if options.placement is not None:
             raise BadInput(f"{protocol.name} names its own placements: leave --placement out")
-        return protocol.placements(asked.patterns)
-    if asked.placement is not None:
+        return protocol.placements(options.patterns)
+    if options.placement is not None:
         # It heads a row of every table.
-        if not asked.placement.strip() or not asked.placement.isprintable():
-            raise BadInput(f"--placement {asked.placement!r}: write a word or a few, in one line")
-        return (asked.placement,)
-    used = frozenset().union(*(design.jammed(pattern) for pattern in asked.patterns))
+        if not options.placement.strip() or not options.placement.isprintable():
+            raise BadInput(f"--placement {options.placement!r}: write a short name, in one line")
+        return (options.placement,)
+    used = frozenset().union(*(design.jammed(pattern) for pattern in options.patterns))
     is_neat = used == {fiber.id for fiber in design.fibers}
     return ("neat" if is_neat else "combined",)

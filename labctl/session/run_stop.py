@@ -1,11 +1,11 @@
-"""What ends a step before its end: the operator, a word from another terminal, the step's own deadline."""
+"""What ends a step before its end: the operator, a request from another terminal, the step's own deadline."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from labctl.clock import Clock
 from labctl.errors import InstrumentError
-from labctl.session.inbox import Inbox
+from labctl.session.control_file import ControlFile
 from labctl.stop import StopRequest
 
 
@@ -22,48 +22,48 @@ class RunStop:
 
     def __init__(self, operator: StopRequest) -> None:
         self._operator = operator
-        self._inbox: Inbox | None = None
+        self._control: ControlFile | None = None
         self._deadline: tuple[Clock, float, str] | None = None
         self._tearing_down = False
 
-    def listen_to(self, inbox: Inbox) -> None:
-        """From now on `labctl abort` from another terminal is a stop too, and `labctl pause` a wish to wait."""
-        self._inbox = inbox
+    def watch(self, control: ControlFile) -> None:
+        """From now on `labctl abort` from another terminal is a stop too, and `labctl pause` a request to pause."""
+        self._control = control
 
     @property
-    def pause_asked(self) -> bool:
+    def pause_requested(self) -> bool:
         """Whether the run is to wait before its next trial."""
-        return self._inbox is not None and self._inbox.pause_asked()
+        return self._control is not None and self._control.pause_requested()
 
     def set(self, cause: str) -> None:
-        """Ask for a stop; the first cause is the one that is reported."""
+        """Request a stop; the first cause is the one that is reported."""
         self._operator.set(cause)
 
     @property
-    def asked(self) -> bool:
-        """Whether a stop was asked for."""
-        return self._operator.asked
+    def requested(self) -> bool:
+        """Whether a stop was requested."""
+        return self._operator.requested
 
     def check(self) -> None:
-        """Raise when a stop was asked for or the present step has run out of time.
+        """Raise when a stop was requested or the present step has run out of time.
 
         Raises:
             Stopped: naming the cause; not during a teardown, which nothing may keep from its end.
             StepTooLong: naming the step.
         """
         if not self._tearing_down:
-            if self._inbox is not None and self._inbox.abort_asked():
+            if self._control is not None and self._control.abort_requested():
                 self._operator.set("labctl abort")
             self._operator.check()
         if self._deadline is not None:
-            clock, end_s, words = self._deadline
+            clock, end_s, message = self._deadline
             if clock.now_s() > end_s:
-                raise StepTooLong(words)
+                raise StepTooLong(message)
 
     @contextmanager
-    def during(self, words: str, deadline_s: float, clock: Clock, *, teardown: bool) -> Iterator[None]:
+    def during(self, step: str, deadline_s: float, clock: Clock, *, teardown: bool) -> Iterator[None]:
         """Give what happens inside `deadline_s` of `clock`; in a teardown the operator's stop waits."""
-        message = f"step '{words}' was not done within its deadline of {deadline_s:g} s"
+        message = f"step '{step}' was not done within its deadline of {deadline_s:g} s"
         self._deadline = (clock, clock.now_s() + deadline_s, message)
         self._tearing_down = teardown
         try:

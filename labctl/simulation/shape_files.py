@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pyevtk.vtk import VtkFile, VtkHexahedron, VtkUnstructuredGrid
 
-from labctl.atomic_file import atomic_file
+from labctl.atomic_files import atomic_file
 from labctl.simulation.simulate import SimulatedSheet
 from sim.geometry import CENTRE_M, PITCH_M
 from sim.hexahedra import hexahedra

@@ -127,14 +127,14 @@ def compare_placements(run: RunRecord, trials: Sequence[TrialRecord]) -> tuple[G
 
 def _match(keys: list[GroupKey], other_keys: list[GroupKey]) -> list[tuple[GroupKey, GroupKey]]:
     pairs: list[tuple[GroupKey, GroupKey]] = []
-    for alike_from in (slice(0, 3), slice(1, 3), slice(1, 2)):
+    for compared in (slice(0, 3), slice(1, 3), slice(1, 2)):
         left = [key for key in keys if key not in {one for one, _ in pairs}]
         other_left = [key for key in other_keys if key not in {other for _, other in pairs}]
         for key in left:
-            wanted = key[alike_from]
-            alike = [each for each in left if each[alike_from] == wanted]
-            others = [each for each in other_left if each[alike_from] == wanted]
-            if len(alike) == 1 and len(others) == 1:
+            value = key[compared]
+            same = [each for each in left if each[compared] == value]
+            others = [each for each in other_left if each[compared] == value]
+            if len(same) == 1 and len(others) == 1:
                 pairs.append((key, others[0]))
     return sorted(pairs, key=lambda pair: keys.index(pair[0]))
 

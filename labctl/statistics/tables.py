@@ -128,7 +128,7 @@ def calibration_table(run: RunRecord, trials: Sequence[TrialRecord]) -> pd.DataF
 
 
 def _typed(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pd.DataFrame:
-    """The rows with every column of its own kind, also where it holds nothing: files of two runs are alike."""
+    """The rows with every column of its own kind, also where it holds nothing: files of two runs have equal types."""
     return pd.DataFrame(rows, columns=list(columns), dtype=object).astype(dict(columns))
 
 

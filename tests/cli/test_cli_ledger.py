@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
-from made_ledger import ENDED, REQUEST, a_run, a_trial, an_event, changed_bytes, not_a_word
+from made_ledger import ENDED, REQUEST, a_run, a_trial, an_event, changed_bytes, no_notice
 
 from labctl.cli.main import run as labctl
 from labctl.ledger.records import EventRecord
@@ -38,7 +38,7 @@ def folder(tmp_path, monkeypatch):
     """A finished run, one that was interrupted, and one on real instruments that failed."""
     folder = tmp_path / "ledger"
     monkeypatch.setenv("LABCTL_LEDGER", str(folder))
-    with LedgerWriter.open(folder, not_a_word) as ledger:
+    with LedgerWriter.open(folder, no_notice) as ledger:
         first = ledger.begin_run(a_run(rig=RIG, simulated_heights=())).number
         ledger.add_event(EventRecord(first, "trial-begun", ENDED, {"number": 1, "attempt": 1}))
         ledger.add_trial(good(first, 1, 17.0))
@@ -86,7 +86,7 @@ def test_runs_for_machines(folder, capsys):
 
 
 def test_a_run_is_running_while_it_is_written(folder, capsys):
-    with LedgerWriter.open(folder, not_a_word) as ledger:
+    with LedgerWriter.open(folder, no_notice) as ledger:
         ledger.add_event(an_event(2, "continued"))
 
         told = json.loads(said(capsys, "runs", "--json").out)
@@ -117,7 +117,7 @@ def test_show_tells_how_a_run_was_made_and_what_came_of_it(folder, capsys):
     assert out.startswith("SIMULATED RIG: measured on byte-level doubles")
     assert "run 1: five-trial, finished" in out
     assert "by Ada" in out
-    assert "asked for  patterns sphere; pressures_psi 3.9; trials 5; attempts 3; placements neat" in out
+    assert "request    patterns sphere; pressures_psi 3.9; trials 5; attempts 3; placements neat" in out
     assert "regulator  PCD, serial number not reported, firmware not reported" in out
     assert "none: it ran outside of a checkout" in out
     assert "trial 2, attempt 1, failed: 7 of 16 points seen" in out
@@ -179,13 +179,13 @@ def test_a_run_or_ledger_that_is_not_there(folder, capsys, arguments, words):
 
 
 def test_an_empty_ledger(tmp_path, capsys):
-    LedgerWriter.open(tmp_path, not_a_word).close()
+    LedgerWriter.open(tmp_path, no_notice).close()
 
     assert "no runs yet" in said(capsys, "runs", "--ledger", tmp_path).out
 
 
 def test_a_note_does_not_steer_the_terminal(tmp_path, capsys):
-    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+    with LedgerWriter.open(tmp_path, no_notice) as ledger:
         ledger.begin_run(a_run(rig=RIG, simulated_heights=(), note="two\nlines \x1b[2J\r ü"))
 
     assert labctl(["show", "1", "--ledger", str(tmp_path)]) == 0

@@ -43,7 +43,7 @@ def teller(simulated=False):
 def test_a_sheet_is_waited_for_until_enter(terminal):
     rig = RigInHand(lambda: None, lambda: os.write(terminal, b"\n"))
 
-    teller().listener().mount(SHEETS[0].sheet, rig)
+    teller().observer().mount_sheet(SHEETS[0].sheet, rig)
 
     assert rig.waited == 2
 
@@ -52,7 +52,7 @@ def test_an_enter_from_before_the_question_is_no_sheet(terminal):
     os.write(terminal, b"\n")
     rig = RigInHand(lambda: None, lambda: os.write(terminal, b"\n"))
 
-    teller().listener().mount(SHEETS[0].sheet, rig)
+    teller().observer().mount_sheet(SHEETS[0].sheet, rig)
 
     assert rig.waited == 2
 
@@ -62,20 +62,20 @@ def test_a_stop_ends_the_waiting(terminal):
         raise Stopped("stopped by Ctrl-C")
 
     with pytest.raises(Stopped):
-        teller().listener().mount(SHEETS[0].sheet, RigInHand(stop))
+        teller().observer().mount_sheet(SHEETS[0].sheet, RigInHand(stop))
 
 
 def test_the_end_of_input_is_no_sheet(terminal):
     rig = RigInHand(lambda: os.write(terminal, b"\x04"))
 
     with pytest.raises(Stopped, match="end of the terminal's input"):
-        teller().listener().mount(SHEETS[0].sheet, rig)
+        teller().observer().mount_sheet(SHEETS[0].sheet, rig)
 
 
 def test_the_doubles_sheet_is_not_asked_for(terminal):
     rig = RigInHand()
 
-    teller(simulated=True).listener().mount(SHEETS[0].sheet, rig)
+    teller(simulated=True).observer().mount_sheet(SHEETS[0].sheet, rig)
 
     assert rig.waited == 0
 

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from made_ledger import a_run, a_trial, not_a_word
+from made_ledger import a_run, a_trial, no_notice
 
 from labctl.cli.main import run as labctl
 from labctl.ledger.writer import LedgerWriter
@@ -34,7 +34,7 @@ def good(run, number, e_t_percent, **changes):
 def folder(tmp_path, monkeypatch):
     """Run 1 neat; run 2 in both orders of layering; run 3 without a trial."""
     monkeypatch.setenv("LABCTL_LEDGER", str(tmp_path / "ledger"))
-    with LedgerWriter.open(tmp_path / "ledger", not_a_word) as ledger:
+    with LedgerWriter.open(tmp_path / "ledger", no_notice) as ledger:
         first, second, _ = (ledger.begin_run(a_run(rig=RIG, simulated_heights=())).number for _ in range(3))
         for number, e_t_percent in enumerate((16.0, 17.0, 18.0), start=1):
             ledger.add_trial(good(first, number, e_t_percent, placement="neat", pattern="sphere"))

@@ -1,4 +1,4 @@
-"""Files are read back by ezc3d, and one by the bytes that the format says."""
+"""Files are read back by ezc3d, and one by the bytes that the format defines."""
 
 import struct
 
@@ -32,7 +32,7 @@ def motion(frames=50, **changes):
     return Motion(**(made | changes))
 
 
-def test_a_file_says_units_rate_labels_and_where_it_comes_from(tmp_path):
+def test_a_file_states_units_rate_labels_and_where_it_comes_from(tmp_path):
     (path,) = write_c3d(tmp_path, "trial-01-1", motion(), SAID)
     parameters = ezc3d.c3d(str(path))["parameters"]
 
@@ -43,8 +43,8 @@ def test_a_file_says_units_rate_labels_and_where_it_comes_from(tmp_path):
     assert parameters["ANALOG"]["LABELS"]["value"] == ["pressure", "setpoint"]
     assert parameters["ANALOG"]["UNITS"]["value"] == ["psi", "psi"]
     assert parameters["ANALOG"]["RATE"]["value"].tolist() == [240.0]
-    said = {name: parameters["LABCTL"][name]["value"] for name in ("RUN", "PATTERN", "FRAME", "STARTS_S")}
-    assert said == {"RUN": ["7"], "PATTERN": ["sphere"], "FRAME": ["sheet"], "STARTS_S": ["0.000000"]}
+    stated = {name: parameters["LABCTL"][name]["value"] for name in ("RUN", "PATTERN", "FRAME", "STARTS_S")}
+    assert stated == {"RUN": ["7"], "PATTERN": ["sphere"], "FRAME": ["sheet"], "STARTS_S": ["0.000000"]}
 
 
 def test_positions_pressure_and_events_come_back(tmp_path):
@@ -91,7 +91,7 @@ def test_a_file_without_pressure_has_no_analog_channel(tmp_path):
     assert read["parameters"]["LABCTL"]["FRAME"]["value"] == ["instrument"]
 
 
-def test_more_frames_than_a_file_can_count_go_on_in_the_next(tmp_path, monkeypatch):
+def test_more_frames_than_a_file_can_count_continue_in_the_next(tmp_path, monkeypatch):
     monkeypatch.setattr(c3d_file, "MOST_FRAMES", 20)
     paths = write_c3d(tmp_path, "trial-01-1", motion(events=((0.05, "early"), (0.19, "late"))), SAID)
     parts = [ezc3d.c3d(str(path)) for path in paths]

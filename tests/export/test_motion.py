@@ -61,7 +61,7 @@ def test_pressure_and_events_are_on_the_frames_own_time():
         np.interp(times_s, pressures.time_s, pressures.gauge_psi), abs=1e-4
     )
     assert motion.setpoint_psi[round(12 * made.FREQUENCY_HZ)] == 3.9
-    # The frames arrive 2 ms after the laboratory's clock says that they were taken.
+    # The frames arrive 2 ms after they were taken by the laboratory's clock.
     assert motion.events == (
         (pytest.approx(1.998, abs=1e-4), "baseline begins"),
         (pytest.approx(2.998, abs=1e-4), "baseline ends"),

@@ -12,7 +12,7 @@ def tables_of(run, trials):
     return run_tables(run, trials, lambda trial: made.pressures(trial.pressures_psi))
 
 
-def test_every_attempt_has_its_rows_and_says_whether_it_counts():
+def test_every_attempt_has_its_rows_and_whether_it_counts():
     run = made.run()
     tables = tables_of(run, made.five_trials(run))
     trials = tables["trials"]
@@ -30,7 +30,7 @@ def test_every_attempt_has_its_rows_and_says_whether_it_counts():
     assert tables["points"].groupby("counts")["point"].count().to_dict() == {False: 16, True: 80}
 
 
-def test_points_carry_what_the_result_says():
+def test_points_carry_what_the_result_holds():
     run = made.run()
     result = made.result(run, hidden=(2,))
     points = tables_of(run, [made.trial(run, derived=result)])["points"]

@@ -2,12 +2,12 @@ import shutil
 from dataclasses import replace
 
 import pytest
-from made_ledger import Told, make_ledger
+from made_ledger import Notices, make_ledger
 
 
 @pytest.fixture
-def told():
-    return Told()
+def notices():
+    return Notices()
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-from made_ledger import Told, a_trial, an_event, changed_bytes, check_files_agree, not_a_word
+from made_ledger import Notices, a_trial, an_event, changed_bytes, check_files_agree, no_notice
 
 from labctl.ledger import writer
 from labctl.ledger.ledger import Ledger
@@ -55,7 +55,7 @@ def test_an_append_cut_off_anywhere_is_there_or_not(copy_kept, cut_off_at, monke
     outcomes = []
     for limit in range(30):
         kept = copy_kept(limit)
-        ledger = LedgerWriter.open(kept.folder, not_a_word)
+        ledger = LedgerWriter.open(kept.folder, no_notice)
         cut_off_at(limit)
         try:
             ledger.add_event(an_event(1, "paused", last=True))
@@ -65,7 +65,7 @@ def test_an_append_cut_off_anywhere_is_there_or_not(copy_kept, cut_off_at, monke
         monkeypatch.undo()
         ledger.close()
 
-        with LedgerWriter.open(kept.folder, Told()) as after:
+        with LedgerWriter.open(kept.folder, Notices()) as after:
             kept.check(after)
             there = after.events(1)[-1].detail == {"last": True}
         check_files_agree(kept.folder)
@@ -92,16 +92,16 @@ def test_a_recovery_cut_off_anywhere_is_finished_by_the_next(copy_kept, cut_off_
         cut_off_at(limit)
         finished = False
         try:
-            LedgerWriter.open(kept.folder, Told()).close()
+            LedgerWriter.open(kept.folder, Notices()).close()
             finished = True
         except CutOff:
             pass
         monkeypatch.undo()
 
-        with Ledger.open(kept.folder, Told()) as reader:
+        with Ledger.open(kept.folder, Notices()) as reader:
             kept.check(reader)
-        kept.check_all_there(Told())
-        with LedgerWriter.open(kept.folder, not_a_word) as ledger:
+        kept.check_all_there(Notices())
+        with LedgerWriter.open(kept.folder, no_notice) as ledger:
             ledger.add_trial(a_trial(1, 9))
         if finished:
             break

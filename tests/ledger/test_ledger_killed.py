@@ -5,7 +5,7 @@ import sys
 import time
 
 import pytest
-from made_ledger import Told, a_run, an_event, check_files_agree, make_ledger, not_a_word
+from made_ledger import Notices, a_run, an_event, check_files_agree, make_ledger, no_notice
 
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.state import run_state
@@ -38,7 +38,7 @@ def start_writer(folder):
 
 def test_kill_9_at_any_moment_loses_nothing_that_was_committed(tmp_path):
     chance = random.Random(20260301)
-    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+    with LedgerWriter.open(tmp_path, no_notice) as ledger:
         ledger.begin_run(a_run())
     said = 0
     for _ in range(8):
@@ -51,25 +51,25 @@ def test_kill_9_at_any_moment_loses_nothing_that_was_committed(tmp_path):
         process.stdout.close()
         said = int((first + rest).split()[-1])
 
-        with Ledger.open(tmp_path, Told()) as ledger:
+        with Ledger.open(tmp_path, Notices()) as ledger:
             attempts = [trial.attempt for trial in ledger.trials(1)]
             assert ledger.state(1) == "interrupted"
         assert attempts == list(range(1, len(attempts) + 1))
         assert said <= len(attempts) <= said + 1
 
-    LedgerWriter.open(tmp_path, Told()).close()
+    LedgerWriter.open(tmp_path, Notices()).close()
     check_files_agree(tmp_path)
     assert said >= 8
 
 
 def test_a_ledger_is_read_while_another_process_writes_it(tmp_path):
-    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+    with LedgerWriter.open(tmp_path, no_notice) as ledger:
         ledger.begin_run(a_run())
     process = start_writer(tmp_path)
     try:
         for _ in range(30):
             said = int(process.stdout.readline())
-            with Ledger.open(tmp_path, not_a_word) as ledger:
+            with Ledger.open(tmp_path, no_notice) as ledger:
                 attempts = [trial.attempt for trial in ledger.trials(1)]
                 assert ledger.state(1) == "running"
             assert attempts == list(range(1, len(attempts) + 1))
@@ -83,13 +83,13 @@ def test_a_ledger_is_read_while_another_process_writes_it(tmp_path):
 def test_a_run_is_running_while_its_own_writer_lives(tmp_path):
     """An older run without an end was interrupted, whoever writes now."""
     kept = make_ledger(tmp_path, trials=1)
-    with Ledger.open(tmp_path, not_a_word) as ledger:
+    with Ledger.open(tmp_path, no_notice) as ledger:
         assert ledger.state(kept.run.number) == "interrupted"
-    with LedgerWriter.open(tmp_path, not_a_word) as writer:
+    with LedgerWriter.open(tmp_path, no_notice) as writer:
         later = writer.begin_run(a_run())
         assert writer.state(kept.run.number) == "interrupted"
         assert writer.state(later.number) == "running"
-        with Ledger.open(tmp_path, not_a_word) as ledger:
+        with Ledger.open(tmp_path, no_notice) as ledger:
             assert ledger.state(kept.run.number) == "interrupted"
             assert ledger.state(later.number) == "running"
 

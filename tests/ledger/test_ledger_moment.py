@@ -2,7 +2,7 @@ from dataclasses import replace
 from datetime import datetime, timedelta
 
 import pytest
-from made_ledger import Told, a_run, a_trial, not_a_word
+from made_ledger import Notices, a_run, a_trial, no_notice
 
 from labctl.ledger import moment
 from labctl.ledger.ledger import Ledger
@@ -67,8 +67,8 @@ def test_by_how_much_a_clock_was_set_back(later, back_s):
 
 
 def test_a_clock_set_back_is_an_event_and_changes_no_order(tmp_path):
-    clock, told = SetClock(), Told()
-    with LedgerWriter.open(tmp_path, told, clock) as ledger:
+    clock, notices = SetClock(), Notices()
+    with LedgerWriter.open(tmp_path, notices, clock) as ledger:
         run = ledger.begin_run(a_run())
         clock.pass_s(60)
         ledger.add_trial(a_trial(run.number, 1))
@@ -77,7 +77,7 @@ def test_a_clock_set_back_is_an_event_and_changes_no_order(tmp_path):
         clock.pass_s(60)
         ledger.add_trial(a_trial(run.number, 3))
 
-    with Ledger.open(tmp_path, not_a_word) as ledger:
+    with Ledger.open(tmp_path, no_notice) as ledger:
         assert [trial.number for trial in ledger.trials(run.number)] == [1, 2, 3]
         (event,) = ledger.events(run.number)
     assert event.kind == "clock-set-back"
@@ -86,20 +86,20 @@ def test_a_clock_set_back_is_an_event_and_changes_no_order(tmp_path):
         "after": "2026-03-01T10:02:00.000000+01:00",
         "by_s": 7200.0,
     }
-    assert "set back by 7200 s" in told.text
+    assert "set back by 7200 s" in notices.text
 
 
 def test_a_run_begins_on_a_clock_that_was_set_back_since_the_last(tmp_path):
-    clock, told = SetClock(), Told()
-    with LedgerWriter.open(tmp_path, told, clock) as ledger:
+    clock, notices = SetClock(), Notices()
+    with LedgerWriter.open(tmp_path, notices, clock) as ledger:
         ledger.begin_run(a_run())
         clock.pass_s(60, wall_s=60 - 3600)
         run = ledger.begin_run(a_run())
         ledger.add_trial(a_trial(run.number, 1))
 
-    with Ledger.open(tmp_path, not_a_word) as ledger:
+    with Ledger.open(tmp_path, no_notice) as ledger:
         assert [each.number for each in ledger.runs()] == [1, 2]
         assert len(ledger.trials(2)) == 1
         (event,) = ledger.events(None)
     assert (event.kind, event.detail["by_s"]) == ("clock-set-back", 3600.0)
-    assert told.text.count("set back by 3600 s") == 1
+    assert notices.text.count("set back by 3600 s") == 1

@@ -1,7 +1,7 @@
 from pathlib import Path
 
 import pytest
-from made_ledger import not_a_word
+from made_ledger import no_notice
 
 from labctl.errors import BadInput
 from labctl.ledger.store import mounts
@@ -45,12 +45,12 @@ def test_a_ledger_on_a_network_file_system_is_refused(tmp_path, monkeypatch):
 
     for folder in (tmp_path / "share" / "ledger", tmp_path / "link" / "ledger"):
         with pytest.raises(BadInput, match=rf"{tmp_path}/share is a network file system \(nfs4, nas:/lab\)"):
-            LedgerWriter.open(folder, not_a_word)
+            LedgerWriter.open(folder, no_notice)
         assert not folder.exists()
     refuse_network(tmp_path / "local")
 
 
-def test_where_mounts_cannot_be_told_nothing_is_refused(tmp_path, monkeypatch):
+def test_where_mounts_cannot_be_read_nothing_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(mounts, "_MOUNTS", tmp_path / "nowhere")
 
     refuse_network(tmp_path)

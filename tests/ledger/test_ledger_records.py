@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_ledger import ENDED, a_result, a_run, a_trial, an_event, not_a_word
+from made_ledger import ENDED, a_result, a_run, a_trial, an_event, no_notice
 
 from labctl.config.rig import MarkerPoint
 from labctl.errors import BadInput, LabError
@@ -21,7 +21,7 @@ STORED = Path(__file__).parent / "stored_rows.jsonl"
 
 
 def test_what_was_written_comes_back_to_the_last_bit(tmp_path):
-    with LedgerWriter.open(tmp_path, not_a_word) as writer:
+    with LedgerWriter.open(tmp_path, no_notice) as writer:
         run = writer.begin_run(a_run())
         trial = a_trial(run.number)
         bare = a_trial(
@@ -32,7 +32,7 @@ def test_what_was_written_comes_back_to_the_last_bit(tmp_path):
         writer.add_trial(bare)
         writer.add_event(event)
 
-    with Ledger.open(tmp_path, not_a_word) as ledger:
+    with Ledger.open(tmp_path, no_notice) as ledger:
         assert ledger.runs() == (run,)
         assert run == a_run(number=1)
         assert ledger.trials(1) == (trial, bare)
@@ -44,7 +44,7 @@ def test_what_was_written_comes_back_to_the_last_bit(tmp_path):
 
 
 def test_a_run_is_named_by_its_number_or_as_the_last(tmp_path):
-    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+    with LedgerWriter.open(tmp_path, no_notice) as ledger:
         with pytest.raises(BadInput, match="no runs yet"):
             ledger.find("last")
         for protocol in ("five-trial", "relaxation", "layering"):
@@ -61,7 +61,7 @@ def test_a_run_is_named_by_its_number_or_as_the_last(tmp_path):
 
 
 def test_events_are_of_a_run_or_of_the_ledger_itself(tmp_path):
-    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+    with LedgerWriter.open(tmp_path, no_notice) as ledger:
         run = ledger.begin_run(a_run())
         of_run, of_ledger = an_event(run.number, "paused"), an_event(None, "restored", rows=[1])
         ledger.add_event(of_ledger)
@@ -82,7 +82,7 @@ def test_events_are_of_a_run_or_of_the_ledger_itself(tmp_path):
     ],
 )
 def test_what_json_does_not_hold_exactly_is_refused_and_named(tmp_path, value, named):
-    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+    with LedgerWriter.open(tmp_path, no_notice) as ledger:
         run = ledger.begin_run(a_run())
 
         with pytest.raises(LabError, match=named):
@@ -104,7 +104,7 @@ def test_what_json_does_not_hold_exactly_is_refused_and_named(tmp_path, value, n
 )
 def test_a_record_that_could_not_be_read_back_is_not_committed(tmp_path, changes, named):
     """One such row would make every run of the ledger unreadable."""
-    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+    with LedgerWriter.open(tmp_path, no_notice) as ledger:
         run = ledger.begin_run(a_run())
 
         with pytest.raises(LabError, match=named):
@@ -140,7 +140,7 @@ def test_what_is_stored_is_read_into_types():
 
 
 def test_an_attempt_is_recorded_once_and_for_a_run_that_is_there(tmp_path):
-    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+    with LedgerWriter.open(tmp_path, no_notice) as ledger:
         run = ledger.begin_run(a_run())
         ledger.add_trial(a_trial(run.number, 1, 1))
 
@@ -159,7 +159,7 @@ def test_an_attempt_is_recorded_once_and_for_a_run_that_is_there(tmp_path):
 
 def test_a_row_that_sqlite_does_not_take_is_taken_back(tmp_path, monkeypatch):
     """It is no damage, and left in the journal it would keep the ledger from ever being opened again."""
-    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+    with LedgerWriter.open(tmp_path, no_notice) as ledger:
         run = ledger.begin_run(a_run())
         for number, attempt in ((0, 1), (1, 0), (-1, 1), (1 << 70, 1)):
             with pytest.raises(LabError, match="both count from 1"):
@@ -168,7 +168,7 @@ def test_a_row_that_sqlite_does_not_take_is_taken_back(tmp_path, monkeypatch):
         with pytest.raises(LabError, match="FOREIGN KEY"):
             ledger.add_event(an_event(run.number + 1))
         ledger.add_event(an_event(run.number))
-    with LedgerWriter.open(tmp_path, not_a_word) as ledger:
+    with LedgerWriter.open(tmp_path, no_notice) as ledger:
         assert len(ledger.events(run.number)) == 1
         assert ledger.trials(run.number) == ()
 

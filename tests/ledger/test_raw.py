@@ -159,7 +159,7 @@ def test_a_recording_is_finished_once(tmp_path):
 
 
 @pytest.mark.parametrize("failing", ["write", "fsync"])
-def test_a_full_disk_is_told_at_the_end_and_what_was_written_stays(tmp_path, monkeypatch, failing):
+def test_a_full_disk_is_reported_at_the_end_and_what_was_written_stays(tmp_path, monkeypatch, failing):
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -189,7 +189,7 @@ def test_what_could_not_be_taken_fails_the_recording(tmp_path):
     recorder = RawRecorder(tmp_path, STEM)
     recorder.take_frames(batch([1]))
     recorder.fail(ValueError("a bug"))
-    with pytest.raises(RecordingFailed, match=r"not whole: ValueError\('a bug'\)"):
+    with pytest.raises(RecordingFailed, match=r"the recording is incomplete: ValueError\('a bug'\)"):
         recorder.finish()
     # The beginning can be read.
     assert len(pd.read_parquet(tmp_path / f"{STEM}.frames.parquet.unfinished", engine="pyarrow")) == 1
@@ -208,7 +208,7 @@ def test_a_disk_that_does_not_keep_up_does_not_fill_the_memory(tmp_path, monkeyp
     recorder.finish()
 
 
-def test_damaged_files_are_told(tmp_path):
+def test_damaged_files_are_reported(tmp_path):
     raw = record(tmp_path, [batch([16] * 100)], [sample(1)])
     frames, pressures = (tmp_path / raw[kind].path for kind in ("frames", "pressures"))
     with pytest.raises(RawDamaged, match=r"holds .*asked_s.*and no labctl marker frames"):

@@ -5,7 +5,7 @@ from made_recording import made_trial, run_of
 from labctl.ledger.records import SimulatedHeights
 
 
-def test_a_basis_is_what_the_runs_record_says_of_a_pattern():
+def test_a_basis_is_what_the_runs_record_holds_of_a_pattern():
     trial = made_trial()
     run = run_of(trial)
     other = SimulatedHeights("cylinder", 3.9, (1.0,) * 16)

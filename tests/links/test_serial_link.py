@@ -55,7 +55,7 @@ def test_lines_without_an_end_mark_end_when_the_line_is_idle(serial_peer, wires,
     assert lines == [b"A M00 Alicat Scientific", b"A M01 www.alicat.com"]
 
 
-def test_silence_ends_by_the_deadline_and_says_what_to_check(serial_peer, wires, connect):
+def test_silence_ends_by_the_deadline_with_what_to_check(serial_peer, wires, connect):
     link = connect(serial_peer(wires.expect(POLL)))
     begin = time.monotonic()
     with pytest.raises(NoAnswer, match=r"regulator A on /dev/.*no answer to 'A' within 0.2 s.*check power"):
@@ -125,7 +125,7 @@ def test_a_line_longer_than_any_reply_is_refused(serial_peer, wires, connect):
         link.exchange_line(POLL, within(1))
 
 
-def test_a_streaming_instrument_is_told_from_a_polled_one(serial_peer, wires, connect):
+def test_a_streaming_instrument_is_distinguished_from_a_polled_one(serial_peer, wires, connect):
     frames = [wires.say(FRAME, after_s=0.02) for _ in range(20)]
     link = connect(serial_peer(*frames))
     time.sleep(0.05)
@@ -177,7 +177,7 @@ def test_an_unplugged_port_is_down_not_silent(serial_peer, wires, connect):
         link.exchange_line(POLL, within(1))
 
 
-def test_closing_twice_is_fine_and_a_closed_link_says_so(serial_peer, connect):
+def test_closing_twice_is_fine_and_a_closed_link_reports_it(serial_peer, connect):
     link = connect(serial_peer())
     link.close()
     link.close()

@@ -59,7 +59,7 @@ def test_a_peek_leaves_everything_in_the_stream(tcp_peer, wires, connect):
     assert stream.read_exactly(4, within(1)) == b"fghi"
 
 
-def test_a_peek_shows_what_a_peer_said_before_it_closed(tcp_peer, wires, connect):
+def test_a_peek_shows_what_a_peer_sent_before_it_closed(tcp_peer, wires, connect):
     stream = connect(tcp_peer([wires.say(b"ab"), wires.hang_up()]))
     for _ in range(2):
         assert stream.peek(2, 100, within(1)) == b"ab"
@@ -85,7 +85,7 @@ def test_a_peer_that_does_not_read_cannot_hold_the_sender(tcp_peer, connect):
         assert time.monotonic() - begin < 1.0
 
 
-def test_nobody_listening_is_said_at_once(connect):
+def test_nobody_listening_is_reported_at_once(connect):
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
     with pytest.raises(
@@ -114,7 +114,7 @@ def test_a_host_may_be_a_name(tcp_peer, wires, connect):
     assert stream.read_exactly(2, within(1)) == b"hi"
 
 
-def test_closing_twice_is_fine_and_a_closed_stream_says_so(tcp_peer, connect):
+def test_closing_twice_is_fine_and_a_closed_stream_reports_it(tcp_peer, connect):
     stream = connect(tcp_peer([]))
     stream.close()
     stream.close()

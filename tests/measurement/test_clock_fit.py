@@ -78,7 +78,7 @@ def test_a_reader_that_stalled_at_first_is_no_earlier_than_the_frames():
     assert (arrival_s - lab_times_s(fit, time_s)).min() == pytest.approx(0, abs=1e-9)
 
 
-def test_seconds_tell_no_drift():
+def test_seconds_show_no_drift():
     time_s, true_s, arrival_s = frames(20, drift_ppm=50.0, read_every_s=0)
     fit = fit_clock(time_s, arrival_s, 240.0)
     assert fit.drift_ppm == 0
@@ -103,7 +103,7 @@ def test_one_frame_is_a_clock_too():
     assert (fit.offset_s, fit.drift_ppm, fit.delay_p99_s, fit.lost) == (100.25, 0, 0, 0)
 
 
-def test_what_cannot_be_fitted_is_told():
+def test_what_cannot_be_fitted_is_reported():
     with pytest.raises(LabError, match="no marker frame was recorded"):
         fit_clock(np.empty(0), np.empty(0), 240.0)
     with pytest.raises(LabError, match=r"goes from 2.000000 s to 1.000000 s at frame 2"):

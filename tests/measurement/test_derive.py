@@ -102,7 +102,7 @@ def test_a_marker_seen_in_too_small_a_share_of_the_frames_is_missing(trial):
     assert level.height_sd_mm[5] == pytest.approx(0.05, rel=0.5)
 
 
-def test_a_level_with_too_few_markers_says_so(trial):
+def test_a_level_with_too_few_markers_is_a_problem(trial):
     frames = made.hide(trial.frames, range(9), (made.TIME_S > 10) & (made.TIME_S < 18))
     result = derive(*trial.but(frames=frames).parts)
     assert result.levels[0].e_t_percent is None
@@ -124,7 +124,7 @@ def test_markers_hidden_on_the_uninflated_sheet_fix_no_frame(trial):
     assert problem.startswith("baseline: 3 of 16 markers were seen on the uninflated sheet")
 
 
-def test_a_pressure_out_of_its_band_says_so_and_keeps_the_numbers(trial):
+def test_a_pressure_out_of_its_band_is_a_problem_and_keeps_the_numbers(trial):
     gauge_psi = trial.pressures.gauge_psi.copy()
     gauge_psi[np.argmin(np.abs(trial.pressures.time_s - 15.5))] = 4.02
     result = derive(*trial.but(pressures=replace(trial.pressures, gauge_psi=gauge_psi)).parts)
@@ -142,7 +142,7 @@ def test_a_reading_on_the_edge_of_the_band_is_inside(trial, edge_psi):
     assert derive(*trial.but(pressures=pressures, windows=windows).parts).problems == ()
 
 
-def test_a_window_without_a_pressure_says_so(trial):
+def test_a_window_without_a_pressure_is_a_problem(trial):
     gauge_psi = trial.pressures.gauge_psi.copy()
     gauge_psi[(trial.pressures.time_s > 14) & (trial.pressures.time_s < 17)] = np.nan
     result = derive(*trial.but(pressures=replace(trial.pressures, gauge_psi=gauge_psi)).parts)
@@ -151,7 +151,7 @@ def test_a_window_without_a_pressure_says_so(trial):
     assert problem.startswith("3.9 psi: no pressure was read in the window's 1 s")
 
 
-def test_a_stream_that_stalled_says_so(trial):
+def test_a_stream_that_stalled_is_a_problem(trial):
     kept = (made.TIME_S < 15.4) | (made.TIME_S > 17)
     frames = made.made_frames(made.TIME_S[kept], made.sheet_heights_mm(made.TIME_S[kept]))
     result = derive(*trial.but(frames=frames).parts)

@@ -91,7 +91,7 @@ def test_a_moment_in_which_nothing_is_seen_is_left_out(trial):
     assert result.problems == ()
 
 
-def test_too_few_markers_all_the_time_say_so(trial):
+def test_too_few_markers_all_the_time_are_a_problem(trial):
     early = made.hide(trial.frames, range(6), (made.TIME_S > 20) & (made.TIME_S < 24))
     frames = made.hide(early, range(6, 12), (made.TIME_S > 24) & (made.TIME_S < 28))
     result = derive(*trial.but(frames=frames).parts)
@@ -140,7 +140,7 @@ def test_a_slow_creep_does_not_pull_the_time_constant_up_with_every_minute():
 
 
 @pytest.mark.parametrize(
-    ("height_mm", "says"),
+    ("height_mm", "reason"),
     [
         (lambda t: heights(t)[:5], r"^5 heights were seen after venting"),
         (lambda t: 0.02 * np.sin(t), r"no more than 0\.05 mm: no decay"),
@@ -148,10 +148,10 @@ def test_a_slow_creep_does_not_pull_the_time_constant_up_with_every_minute():
         (lambda t: np.where(t < 0.2, 8.0, 0.0), r"faster than 0\.05 s"),
     ],
 )
-def test_what_is_no_decay_is_said(height_mm, says):
+def test_what_is_no_decay_is_refused(height_mm, reason):
     time_s = np.arange(0.125, 30, 0.25)
     height = height_mm(time_s)
-    words = fit_decay(time_s[: len(height)], height)
-    assert not isinstance(words, Decay)
-    with pytest.raises(AssertionError, match=says):
-        raise AssertionError(words)
+    refusal = fit_decay(time_s[: len(height)], height)
+    assert not isinstance(refusal, Decay)
+    with pytest.raises(AssertionError, match=reason):
+        raise AssertionError(refusal)

@@ -1,4 +1,4 @@
-"""The steps of a checklist on a rig in hand: what each waits for, what it marks, when it gives up."""
+"""The steps of a checklist on a rig of the test's own: what each waits for, what it marks, when it gives up."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -31,7 +31,7 @@ STILL = CONFIG.measurement
 
 
 class RigInHand:
-    """Its time goes by in its verbs only; `height_mm` says where the sheet is, `seen` how many markers are."""
+    """Its time goes by in its verbs only; `height_mm` is where the sheet is, `seen` how many markers are."""
 
     def __init__(self, height_mm=lambda _: 0.0, seen=16):
         self.config = CONFIG

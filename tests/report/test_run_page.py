@@ -133,7 +133,7 @@ def test_a_run_without_any_trial_makes_a_page():
     seen = Seen(run_page([view_of(run, (), state="interrupted")]))
 
     assert "Sphere: no trial that counts yet" in seen.text
-    assert "This run was interrupted; labctl run --continue 7 goes on with it." in seen.text
+    assert "This run was interrupted; labctl run --continue 7 continues it." in seen.text
     assert "SIMULATED" not in seen.text
     # The sheet alone.
     assert len(seen.pictures) == 1

@@ -168,7 +168,7 @@ def test_a_source_that_refuses_at_once_is_not_asked_without_pause(stream, time):
 
     def refuse(timeout_s):
         asked.append(timeout_s)
-        raise NoAnswer("no stream was asked for")
+        raise NoAnswer("no stream was requested")
 
     stream.next_frames = refuse
     feed = MarkerFeed(stream, time)
@@ -186,7 +186,7 @@ def test_a_source_that_refuses_at_once_is_not_asked_without_pause(stream, time):
         (ZeroDivisionError("a bug"), InstrumentError),
     ],
 )
-def test_any_other_failure_ends_the_feed_and_is_told(feed, stream, failure, raised):
+def test_any_other_failure_ends_the_feed_and_is_reported(feed, stream, failure, raised):
     arrived(feed, stream, numbered(0))
     stream.put(failure)
     stream.settle()

@@ -103,11 +103,11 @@ def test_a_guard_that_is_killed_is_noticed(rig_with):
 
 
 def test_a_broken_terminal_does_not_keep_the_supervisor_from_venting(rig_with):
-    def tell(text):
+    def notify(text):
         raise BrokenPipeError
 
     virtual = rig_with("regulator=overpressure@1psi")
-    with pytest.raises(Tripped), open_rig(virtual, notify=tell) as rig:
+    with pytest.raises(Tripped), open_rig(virtual, notify=notify) as rig:
         pressurise(rig, 1.5)
         rig.wait(20)
 

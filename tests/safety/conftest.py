@@ -1,4 +1,4 @@
-"""Instruments without a wire, for what safety does with what instruments say."""
+"""Instruments without a wire, for what safety does with what instruments report."""
 
 from collections.abc import Callable, Collection
 
@@ -60,7 +60,7 @@ class FakeRegulator:
 
 
 class FakeValves:
-    """Relays that do as told, unless stuck."""
+    """Relays that follow commands, unless stuck."""
 
     name = "valve bank"
     channels = 8

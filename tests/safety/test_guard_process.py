@@ -87,7 +87,7 @@ def test_a_guard_without_a_terminal_still_acts(config):
     process.stdin.flush()
     assert process.stdout.readline() == b"armed\n"
     process.stdin.close()
-    # It goes on trying to reach the rig instead of dying of what it cannot say.
+    # It keeps trying to reach the rig instead of dying of what it cannot print.
     with pytest.raises(subprocess.TimeoutExpired):
         process.wait(7)
     process.kill()

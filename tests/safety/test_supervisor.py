@@ -43,7 +43,7 @@ def test_over_pressure_trips_at_the_limit_and_not_below(supervisor, regulator, n
     assert "over-pressure: 4.30 psi" in supervisor.poll(with_valves=True)
 
 
-def test_the_warning_is_said_once(supervisor, regulator, notes):
+def test_the_warning_is_reported_once(supervisor, regulator, notes):
     regulator.pressure_psi = 4.2
     supervisor.poll(with_valves=False)
     supervisor.poll(with_valves=False)
@@ -154,7 +154,7 @@ def test_a_thread_that_has_died_is_a_trip(running, clock, guard):
 
 
 def test_what_may_not_be_energised_is_not(supervise, guard):
-    """It is asked again once the instruments are ours: a trip may have come while we waited."""
+    """It is called again once the instruments are ours: a trip may have come while we waited."""
     answers = iter([None, Tripped("vented meanwhile")])
 
     def check():
@@ -166,7 +166,7 @@ def test_what_may_not_be_energised_is_not(supervise, guard):
     assert guard.orders == []
 
 
-def test_safe_is_said_to_the_guard_and_what_was_energised_before_it(supervisor, guard):
+def test_safe_is_reported_to_the_guard_and_what_was_energised_before_it(supervisor, guard):
     assert guard.orders == ["energised"]
     assert supervisor.safe_report is None
     assert supervisor.make_safe().safe
@@ -203,7 +203,7 @@ def test_the_devices_own_fault_flags_trip(supervisor, regulator, flag):
 @pytest.mark.parametrize("flag", ["HLD", "EXH"])
 def test_a_regulator_that_stopped_following_its_setpoint_trips(supervisor, regulator, flag):
     regulator.flags = frozenset({flag})
-    assert "told to follow its setpoint" in supervisor.poll(with_valves=False)
+    assert "commanded to follow its setpoint" in supervisor.poll(with_valves=False)
 
 
 def test_an_exhaust_that_closes_by_itself_after_safe_is_noticed(supervisor, regulator):

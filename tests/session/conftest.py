@@ -10,12 +10,12 @@ from labctl.doubles.sheet import Relaxation
 from labctl.ledger.records import SimulatedHeights
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
-from labctl.session.engine import Listener, conduct
-from labctl.session.inbox import Inbox
+from labctl.session.continuation import record_continuation
+from labctl.session.control_file import ControlFile
+from labctl.session.engine import RunObserver, conduct
 from labctl.session.prepare import PreparedRun
-from labctl.session.record import begin_run
+from labctl.session.record import record_new_run
 from labctl.session.request import RunOptions, complete, plan
-from labctl.session.resume import go_on
 from labctl.session.run_stop import RunStop
 from labctl.stop import OperatorStop
 from protocols.five_trial import FIVE_TRIAL
@@ -32,7 +32,7 @@ def simulated_bowl(pattern, pressure_psi):
 
 
 class Laboratory:
-    """A rig of doubles and a ledger; `run` conducts one run and keeps what was told."""
+    """A rig of doubles and a ledger; `run` conducts one run and keeps what was reported."""
 
     def __init__(self, folder, *faults, limits="", measurement=MEASUREMENT):
         self.folder = folder / "ledger"
@@ -47,33 +47,33 @@ class Laboratory:
         self.config = self.rig.config
         self.operator = OperatorStop()
         self.design = DESIGN
-        self.told = []
+        self.committed = []
         self.notes = []
 
-    def prepared(self, protocol=FIVE_TRIAL, **asked):
-        asked = {"patterns": ("rod",), "pressures_psi": (1.5,), "trials": 2, "attempts": 2, **asked}
+    def prepared(self, protocol=FIVE_TRIAL, **options):
+        options = {"patterns": ("rod",), "pressures_psi": (1.5,), "trials": 2, "attempts": 2, **options}
         return PreparedRun(
-            protocol, complete(protocol, RunOptions(**asked), DESIGN), DESIGN, "the design's text"
+            protocol, complete(protocol, RunOptions(**options), DESIGN), DESIGN, "the design's text"
         )
 
     def run(self, prepared=None, *, run=None, change=lambda trials: trials, operator=None):
-        """Conduct a run, or go on with `run`; `change` may put steps of the test's own into the plan."""
+        """Conduct a run, or continue `run`; `change` may put steps of the test's own into the plan."""
         prepared = prepared or self.prepared()
         operator = operator or self.operator
         trials = change(plan(prepared.protocol, prepared.request, DESIGN, self.config))
         heights = tuple(simulated_bowl("rod", pressure) for pressure in prepared.request.pressures_psi)
         stop = RunStop(operator)
-        listener = Listener(self.told.append, lambda *_: None, self.notes.append, lambda *_: None)
+        observer = RunObserver(self.committed.append, lambda *_: None, self.notes.append, lambda *_: None)
         with LedgerWriter.open(self.folder, self.notes.append) as ledger:
-            stop.listen_to(Inbox(self.folder, self.rig.time))
+            stop.watch(ControlFile(self.folder, self.rig.time))
 
             def register(rig):
                 if run is not None:
-                    return go_on(ledger, run, rig, "a test", "")
-                return begin_run(ledger, prepared, len(trials), heights, rig, "a test", "")
+                    return record_continuation(ledger, run, rig, "a test", "")
+                return record_new_run(ledger, prepared, len(trials), heights, rig, "a test", "")
 
             rig = Rig(self.config, stop=stop, notify=self.notes.append, platform=self.rig.platform)
-            return conduct(rig, register, trials, prepared.request.attempts, ledger, stop, listener)
+            return conduct(rig, register, trials, prepared.request.attempts, ledger, stop, observer)
 
     def assert_safe(self):
         self.rig.assert_safe()

@@ -1,4 +1,4 @@
-"""What `labctl inflate` and `labctl run` say of one and the same recorded rig: the same, to the last bit."""
+"""What `labctl inflate` and `labctl run` report of one and the same recorded rig: the same, to the last bit."""
 
 import errno
 import json
@@ -105,9 +105,9 @@ def assert_agree(found, recorded):
     assert found.run_trial.windows == recorded.windows
     assert found.inflate_trial.result == found.run_trial.result
     (level,) = found.run_trial.levels
-    (told,) = json.loads(found.ran.out)["trials"]
-    assert told["heights_mm"] == [list(level.heights_mm)]
-    assert told["e_t_percent"] == [level.e_t_percent]
+    (reported,) = json.loads(found.ran.out)["trials"]
+    assert reported["heights_mm"] == [list(level.heights_mm)]
+    assert reported["e_t_percent"] == [level.e_t_percent]
     inflated = json.loads(found.inflated.out)
     assert inflated.pop("run") == found.inflate_run.number
     assert inflated == json.loads(found.thrown.out)
@@ -122,12 +122,12 @@ def assert_agree(found, recorded):
     assert inflated["safe"] is True
 
 
-def assert_both_refuse(found, words):
+def assert_both_refuse(found, reason):
     """With the same reason, and without a number."""
     assert (found.thrown.code, found.inflated.code, found.ran.code) == (1, 1, 1)
     assert found.inflate_trial.outcome == found.run_trial.outcome == "failed"
     assert found.inflate_trial.reason == found.run_trial.reason
-    assert words in found.run_trial.reason
+    assert reason in found.run_trial.reason
     assert json.loads(found.thrown.out) == {
         "error": found.run_trial.reason,
         "simulated": True,
@@ -210,7 +210,7 @@ def test_min_share_of_the_rig_rules_both(bench, min_share, good):
         assert_both_refuse(found, "14 of 16 markers were seen in at least 50% of the frames")
 
 
-def test_a_person_is_told_how_to_look_at_what_was_kept(bench, tmp_path, monkeypatch):
+def test_a_person_reads_how_to_look_at_what_was_kept(bench, tmp_path, monkeypatch):
     monkeypatch.setenv("LABCTL_OPERATOR", "Ada")
     ended = bench.inflate(made(), "--keep", "--ledger", str(tmp_path / "kept"))
 
@@ -247,7 +247,7 @@ def test_ctrl_c_leaves_no_temporary_folder_and_no_success(bench, tmp_path, keep)
             assert [trial.outcome for trial in read.trials(1)] == ["aborted"]
 
 
-def test_a_full_temporary_folder_is_said_after_safe(bench, monkeypatch):
+def test_a_full_temporary_folder_is_reported_after_safe(bench, monkeypatch):
     def full(writer, _table):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(writer.unfinished))
 
@@ -255,9 +255,9 @@ def test_a_full_temporary_folder_is_said_after_safe(bench, monkeypatch):
     ended = bench.inflate(made(), "--json")
 
     assert ended.code == 1
-    told = json.loads(ended.out)
-    assert told["safe"] is True
-    assert told["error"] == (
+    reported = json.loads(ended.out)
+    assert reported["safe"] is True
+    assert reported["error"] == (
         f"the temporary recording in {bench.temporary} could not be written: No space left on device; free some "
         "space there, name another place by the environment's TMPDIR, or keep the run with --keep"
     )

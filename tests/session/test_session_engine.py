@@ -1,4 +1,4 @@
-"""A run from its first trial to its end: finished, gone on with, paused, and never finished before SAFE."""
+"""A run from its first trial to its end: finished, continued, paused, and never finished before SAFE."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -8,11 +8,11 @@ import pytest
 from labctl.errors import InstrumentError, Unsafe
 from labctl.ledger.ledger import Ledger
 from labctl.rig import Rig
+from labctl.session.control_file import write_request
 from labctl.session.engine import RunFailed
-from labctl.session.inbox import ask
 
 
-def kept(lab):
+def recorded(lab):
     """What the ledger holds of run 1: each attempt's number, count and outcome; the kinds of its events."""
     with Ledger.open(lab.folder, lambda _: None) as ledger:
         trials = [(trial.number, trial.attempt, trial.outcome) for trial in ledger.trials(1)]
@@ -39,7 +39,7 @@ def test_a_run_whose_trials_are_good_is_finished(laboratory):
 
     _, summary = lab.run(change=lambda trials: at_first_step(trials, 1, lab.assert_safe))
 
-    assert kept(lab) == ([(1, 1, "good"), (2, 1, "good")], ["trial-begun", "trial-begun", "finished"])
+    assert recorded(lab) == ([(1, 1, "good"), (2, 1, "good")], ["trial-begun", "trial-begun", "finished"])
     (group,) = summary.groups
     assert group.trials == 2
     # The doubles' bowl is the simulated one, of another size.
@@ -48,7 +48,7 @@ def test_a_run_whose_trials_are_good_is_finished(laboratory):
 
 
 def test_a_run_names_the_package_that_its_protocol_is_of(laboratory, monkeypatch):
-    """A laboratory's own changes too; the run that goes on with another version says so."""
+    """A laboratory's own changes too; the run that is continued with another version records it."""
     lab = laboratory()
     dist = SimpleNamespace(name="our-lab", version="1.2")
     entry = SimpleNamespace(name="five-trial", dist=dist)
@@ -67,16 +67,16 @@ def test_a_run_names_the_package_that_its_protocol_is_of(laboratory, monkeypatch
     assert continued.detail["versions"]["our-lab"] == "1.3"
 
 
-def test_a_run_goes_on_with_what_is_not_good_yet(laboratory):
+def test_a_run_is_continued_with_what_is_not_good_yet(laboratory):
     lab = laboratory()
-    with pytest.raises(RunFailed, match="trial 2 was not good in 1 attempts"):
+    with pytest.raises(RunFailed, match="trial 2 was not good in 1 attempt "):
         lab.run(lab.prepared(attempts=1), change=lambda trials: at_first_step(trials, 2, fail))
     with Ledger.open(lab.folder, lambda _: None) as ledger:
         run = ledger.run(1)
 
     _, summary = lab.run(run=run)
 
-    trials, kinds = kept(lab)
+    trials, kinds = recorded(lab)
     assert trials == [(1, 1, "good"), (2, 1, "failed"), (2, 2, "good")]
     assert kinds[2:] == ["failed", "continued", "trial-begun", "finished"]
     assert summary.groups[0].trials == 2
@@ -90,12 +90,12 @@ def test_a_run_pauses_between_two_trials_with_the_rig_safe(laboratory):
             super().append(text)
             if text.startswith("paused"):
                 lab.assert_safe()
-                ask(lab.folder, "resume")
+                write_request(lab.folder, "resume")
 
     lab.notes = Notes()
-    lab.run(change=lambda trials: at_first_step(trials, 1, lambda: ask(lab.folder, "pause")))
+    lab.run(change=lambda trials: at_first_step(trials, 1, lambda: write_request(lab.folder, "pause")))
 
-    trials, kinds = kept(lab)
+    trials, kinds = recorded(lab)
     assert [outcome for _, _, outcome in trials] == ["good", "good"]
     assert kinds == ["trial-begun", "paused", "resumed", "trial-begun", "finished"]
 
@@ -112,4 +112,4 @@ def test_a_run_is_not_finished_before_its_rig_is_closed_safe(laboratory, monkeyp
     with pytest.raises(Unsafe, match="reads closed"):
         lab.run(lab.prepared(trials=1))
 
-    assert kept(lab) == ([(1, 1, "good")], ["trial-begun", "interrupted"])
+    assert recorded(lab) == ([(1, 1, "good")], ["trial-begun", "interrupted"])

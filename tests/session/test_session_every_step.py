@@ -20,8 +20,8 @@ from labctl.session.request import RunOptions, complete, plan
 from protocols.five_trial import FIVE_TRIAL
 
 
-def step_words():
-    """The steps of one trial of five-trial, as their first words."""
+def step_names():
+    """The steps of one trial of five-trial, by the first two words of each."""
     design = load_design("known")
     text = rig_toml(DoublesSettings(design=design), "/dev/null", "/dev/zero", "127.0.0.1", 0)
     request = complete(FIVE_TRIAL, RunOptions(("sphere",)), design)
@@ -29,7 +29,7 @@ def step_words():
     return [" ".join(step.description.split()[:2]) for step in checklist.steps]
 
 
-STEPS = step_words()
+STEPS = step_names()
 TEARDOWN = STEPS[-1]
 
 
@@ -80,7 +80,7 @@ def test_an_exception_ends_in_safe_and_in_a_failed_trial(laboratory, index, afte
 
     lab.assert_safe()
     assert outcomes(lab) == (["failed"], ["trial-begun", "failed"])
-    assert all(record.safe.safe for record in lab.told)
+    assert all(record.safe.safe for record in lab.committed)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])

@@ -6,7 +6,7 @@ import pytest
 
 from labctl.errors import BadInput, Stopped
 from labctl.session.contract import Bench, Checklist, Step
-from labctl.session.inbox import Inbox, ask
+from labctl.session.control_file import ControlFile, write_request
 from labctl.session.perform import perform
 from labctl.session.run_stop import RunStop, StepTooLong
 from labctl.stop import OperatorStop
@@ -83,11 +83,11 @@ def test_a_teardown_step_that_fails_keeps_no_other_from_being_done(lab, error):
 
 
 def test_a_stop_is_seen_before_the_next_step_and_not_by_the_teardown(lab):
-    def begin(step):
+    def on_step(step):
         if step.description == "jam":
             lab.operator.set("Ctrl-C")
 
-    performed = perform(checklist(lab), lab.bench, lab.stop, begin)
+    performed = perform(checklist(lab), lab.bench, lab.stop, on_step)
 
     assert lab.done == ["relax", "baseline", "jam", "vent", "unjam"]
     assert isinstance(performed.error, Stopped)
@@ -109,7 +109,7 @@ def test_a_step_that_waits_by_the_rig_is_ended_at_its_deadline(lab):
     assert lab.done == ["vent"]
 
 
-def test_a_teardown_step_has_its_deadline_even_while_a_stop_is_asked_for(lab):
+def test_a_teardown_step_has_its_deadline_even_while_a_stop_is_requested(lab):
     def wait_for_ever(_bench):
         while True:
             lab.clock.sleep(1.0)
@@ -125,48 +125,48 @@ def test_a_teardown_step_has_its_deadline_even_while_a_stop_is_asked_for(lab):
 
 
 def test_an_abort_from_another_terminal_is_a_stop(lab, tmp_path):
-    inbox = Inbox(tmp_path, lab.clock)
-    lab.stop.listen_to(inbox)
+    control_file = ControlFile(tmp_path, lab.clock)
+    lab.stop.watch(control_file)
     lab.stop.check()
 
-    ask(tmp_path, "abort")
+    write_request(tmp_path, "abort")
     lab.clock.sleep(0.3)
 
     with pytest.raises(Stopped, match="labctl abort"):
         lab.stop.check()
 
 
-def test_a_word_for_an_earlier_run_is_not_for_this_one(lab, tmp_path):
-    ask(tmp_path, "pause")
+def test_a_request_to_an_earlier_run_is_not_for_this_one(lab, tmp_path):
+    write_request(tmp_path, "pause")
 
-    assert not Inbox(tmp_path, lab.clock).pause_asked()
+    assert not ControlFile(tmp_path, lab.clock).pause_requested()
 
 
-def test_a_pause_lasts_until_the_word_changes(lab, tmp_path):
-    inbox = Inbox(tmp_path, lab.clock)
-    for word, paused in (("pause", True), ("resume", False), ("pause", True)):
-        ask(tmp_path, word)
+def test_a_pause_lasts_until_the_request_changes(lab, tmp_path):
+    control_file = ControlFile(tmp_path, lab.clock)
+    for request, paused in (("pause", True), ("resume", False), ("pause", True)):
+        write_request(tmp_path, request)
         lab.clock.sleep(0.3)
-        assert inbox.pause_asked() is paused
+        assert control_file.pause_requested() is paused
 
 
-@pytest.mark.parametrize("word", ["pause", "resume"])
-def test_no_word_takes_the_place_of_an_abort(lab, tmp_path, word):
-    """A run that is putting a trial away does not look for seconds."""
-    inbox = Inbox(tmp_path, lab.clock)
-    ask(tmp_path, "abort")
-    with pytest.raises(BadInput, match="asked to end"):
-        ask(tmp_path, word)
-    assert inbox.abort_asked()
-    inbox.clear()
-    ask(tmp_path, word)
+@pytest.mark.parametrize("request_after", ["pause", "resume"])
+def test_no_request_takes_the_place_of_an_abort(lab, tmp_path, request_after):
+    """A run that is recording a trial does not look for seconds."""
+    control_file = ControlFile(tmp_path, lab.clock)
+    write_request(tmp_path, "abort")
+    with pytest.raises(BadInput, match="is being aborted already"):
+        write_request(tmp_path, request_after)
+    assert control_file.abort_requested()
+    control_file.clear()
+    write_request(tmp_path, request_after)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"word": 3}', "\x00"])
-def test_a_damaged_word_means_nothing(lab, tmp_path, text):
-    inbox = Inbox(tmp_path, lab.clock)
+def test_a_damaged_request_means_nothing(lab, tmp_path, text):
+    control_file = ControlFile(tmp_path, lab.clock)
     (tmp_path / "wish.json").write_text(text)
     lab.clock.sleep(0.3)
 
-    assert not inbox.pause_asked()
-    assert not inbox.abort_asked()
+    assert not control_file.pause_requested()
+    assert not control_file.abort_requested()

@@ -1,4 +1,4 @@
-"""From what was asked for to a plan; every mistake is refused before anything moves."""
+"""From options to a plan; every mistake is refused before anything moves."""
 
 import json
 from dataclasses import replace
@@ -27,9 +27,9 @@ def rig(**changes):
     return rig_from_text(text, "rig.toml")
 
 
-def planned(name, asked, **changes):
+def planned(name, options, **changes):
     protocol = find_protocol(name)
-    return plan(protocol, complete(protocol, asked, DESIGN), DESIGN, rig(**changes))
+    return plan(protocol, complete(protocol, options, DESIGN), DESIGN, rig(**changes))
 
 
 def test_the_protocols_are_found_by_entry_point():
@@ -106,8 +106,8 @@ def test_a_calibration_is_a_staircase_within_one_inflation():
 def test_relaxation_vents_before_it_watches_and_vents_again_in_its_teardown():
     (trial,) = planned("relaxation", RunOptions(("sphere",), trials=1, watch_s=30.0))
 
-    words = [step.description for step in trial.checklist.steps]
-    assert words[-3:] == [
+    steps = [step.description for step in trial.checklist.steps]
+    assert steps[-3:] == [
         "vent, unjam, and read SAFE back",
         "record the sheet for 30 s after venting",
         "vent, unjam, and read SAFE back",
@@ -135,7 +135,7 @@ def test_a_request_comes_back_from_json_and_makes_the_same_plan():
 
 
 @pytest.mark.parametrize(
-    ("name", "asked", "words"),
+    ("name", "options", "message"),
     [
         ("five-trial", RunOptions(()), "takes 1 --pattern, 0 given"),
         ("five-trial", RunOptions(("sphere", "cylinder")), "takes 1 --pattern, 2 given"),
@@ -151,9 +151,9 @@ def test_a_request_comes_back_from_json_and_makes_the_same_plan():
         ("pressure-sweep", RunOptions(("sphere",), pressures_psi=(3.0, 0.1)), "no inflation"),
     ],
 )
-def test_what_a_protocol_does_not_take_is_refused(name, asked, words):
-    with pytest.raises(BadInput, match=words):
-        planned(name, asked)
+def test_what_a_protocol_does_not_take_is_refused(name, options, message):
+    with pytest.raises(BadInput, match=message):
+        planned(name, options)
 
 
 def test_a_fiber_without_a_valve_is_refused():
@@ -178,8 +178,8 @@ def test_a_plan_that_does_not_count_its_trials_is_refused(numbers):
 
 
 @pytest.mark.parametrize("placement", ["", " ", "one\ntwo", "\x1b[31mred"])
-def test_a_placement_is_words_in_one_line(placement):
-    with pytest.raises(BadInput, match=r"--placement .*: write a word or a few, in one line"):
+def test_a_placement_is_text_in_one_line(placement):
+    with pytest.raises(BadInput, match=r"--placement .*: write a short name, in one line"):
         planned("five-trial", RunOptions(("sphere",), placement=placement))
 
 

@@ -30,15 +30,15 @@ def with_steps(trials, **parts):
     )
 
 
-def do(words, deed):
-    return Step(words, 0.1, 10.0, deed)
+def do(description, deed):
+    return Step(description, 0.1, 10.0, deed)
 
 
 def test_a_trial_that_nobody_vents_does_not_count_and_the_rig_is_vented_at_once(laboratory):
     """SAFE was read back before the first trial: that is not SAFE after it."""
     lab = laboratory()
     found = []
-    lab.told = SimpleNamespace(append=lambda record: (lab.assert_safe(), found.append(record)))
+    lab.committed = SimpleNamespace(append=lambda record: (lab.assert_safe(), found.append(record)))
 
     with pytest.raises(RunFailed):
         lab.run(lab.prepared(attempts=1), change=lambda trials: with_steps(trials, teardown=lambda _: ()))
@@ -60,7 +60,7 @@ def test_a_trip_that_no_step_saw_is_no_good_trial(laboratory):
     with pytest.raises(Tripped, match="ADC"):
         lab.run(change=lambda trials: with_steps(trials, main=lambda main: (*main, do("trip", trip))))
 
-    (record,) = lab.told
+    (record,) = lab.committed
     assert record.outcome == "failed"
     assert "the regulator reports ADC" in record.reason
     assert kinds(lab) == ["trial-begun", "interrupted"]
@@ -73,7 +73,7 @@ def test_a_stop_during_the_teardown_is_no_good_trial(laboratory):
     with pytest.raises(Stopped):
         lab.run(change=lambda trials: with_steps(trials, teardown=lambda teardown: (*teardown, stop)))
 
-    (record,) = lab.told
+    (record,) = lab.committed
     assert record.outcome == "aborted"
     assert record.safe.safe is True
 
@@ -87,5 +87,5 @@ def test_a_planned_pressure_that_was_never_captured_is_no_good_trial(laboratory)
             change=lambda trials: with_steps(trials, main=lambda steps: steps[:-1]),
         )
 
-    assert [record.outcome for record in lab.told] == ["failed"]
+    assert [record.outcome for record in lab.committed] == ["failed"]
     lab.assert_safe()

@@ -35,7 +35,7 @@ def test_the_difference_over_trials_is_other_less_one(run, make_run, trials_of):
 
 
 def test_points_are_paired_with_themselves(run, make_trial, make_level):
-    # Each point 1 to 4 higher, while the points themselves are 30 apart: only pairing tells.
+    # Each point 1 to 4 higher, while the points themselves are 30 apart: only pairing shows it.
     one = [make_trial(i, make_level(25.0, errors=(10.0, 20.0, 30.0, 40.0))) for i in (1, 2)]
     other = [
         make_trial(1, make_level(27.0, errors=(10.0, 21.0, 32.0, 43.0))),

@@ -66,7 +66,7 @@ def test_equal_values_on_both_sides_differ_by_what_they_differ():
 
 
 def test_what_the_intervals_cover_with_five_trials():
-    """What docs/reference/measurement.md says: Student's keeps its 95 %, the bootstrap is near 85 %."""
+    """As docs/reference/measurement.md states: Student's keeps its 95 %, the bootstrap is near 85 %."""
     rng = np.random.default_rng(5)
     samples = rng.normal(20, 1, (400, 5))
     covered = {

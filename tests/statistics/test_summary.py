@@ -86,7 +86,7 @@ def test_one_trial_has_no_spread_and_no_interval(run, make_level, make_trial):
     assert (group.e_t_t_low_percent, group.e_t_t_high_percent) == (None, None)
 
 
-def test_equal_trials_have_an_interval_of_no_width_that_says_so(run, make_level, make_trial):
+def test_equal_trials_have_an_interval_of_no_width(run, make_level, make_trial):
     (group,) = summarise(run, [make_trial(i, make_level(12.0)) for i in (1, 2, 3)]).groups
     assert (group.e_t_low_percent, group.e_t_high_percent) == (12, 12)
     assert group.e_t_interval == "all-equal"

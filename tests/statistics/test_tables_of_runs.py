@@ -109,7 +109,7 @@ def test_the_calibration_table_is_one_that_compare_reads(run, make_trial, make_l
     assert read.heights_mm.tolist() == [[2, 4, 1, 0.125], [4.25, 8, 2, 1]]
 
 
-def test_a_point_that_nobody_saw_is_blank_and_compare_says_which(run, make_trial, make_level, tmp_path):
+def test_a_point_that_nobody_saw_is_blank_and_compare_names_it(run, make_trial, make_level, tmp_path):
     path = tmp_path / "calibration.csv"
     trials = [make_trial(1, make_level(1.0, (4.0, None, 2.0, 1.0)))]
     calibration_table(run, trials).to_csv(path, index=False)

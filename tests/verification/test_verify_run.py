@@ -131,7 +131,7 @@ def test_a_trial_with_problems_cannot_be_good(one_trial, trial):
     assert found.problems[0].startswith("recorded as good, although: 3.9 psi: 16 of 16 markers")
 
 
-def test_a_summary_that_says_otherwise_is_found(trial, tmp_path):
+def test_a_summary_of_other_numbers_is_found(trial, tmp_path):
     with LedgerWriter.open(tmp_path, print) as writer:
         run = writer.begin_run(run_of(trial))
         writer.add_trial(recorded(trial, writer, run, 1, 1))

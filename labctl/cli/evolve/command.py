@@ -62,7 +62,7 @@ def evolve(as_json: bool, **values: Any) -> None:  # noqa: ANN401 - click's valu
         # The workers first: a cluster that does not answer must leave no folder behind.
         with _pool(settings[0].problem, options) as pool:
             _search(_planned_runs(options, options.out_path, settings), pool, stop, as_json)
-    if stop.asked:
+    if stop.requested:
         raise stopped_before_the_page(options.out_path)
     print_runs(options.out_path, as_json, published=False)
 
@@ -153,9 +153,9 @@ def _search(planned: "list[PlannedRun]", pool: "Pool", stop: StopRequest, as_jso
         for run in planned:
             begun = progress.begin(run)
             try:
-                for checkpoint in continue_run(run, pool, time.monotonic, lambda: stop.asked):
+                for checkpoint in continue_run(run, pool, time.monotonic, lambda: stop.requested):
                     begun(checkpoint)
-                    if stop.asked:
+                    if stop.requested:
                         raise SearchStopped
             except SearchStopped as error:
                 raise Stopped(

@@ -73,7 +73,7 @@ def pick(
     as_json: bool,
 ) -> None:
     """Write a layout of a run's front as a design file, for labctl inflate --design."""
-    from labctl.atomic_file import atomic_file
+    from labctl.atomic_files import atomic_file
     from labctl.design_search.errors import lab_errors
     from labctl.design_search.picked_design import design_toml
     from labctl.design_search.search_run import load_runs
@@ -283,6 +283,8 @@ def _rescored(runs: "list[SearchRun]") -> "list[tuple[Member, ...] | None]":
             stop_on_signals(doing="stopping") as stop,
             Processes(problem, len(os.sched_getaffinity(0))) as pool,
         ):
-            return [rescored(_shown(run), problem, pool, time.monotonic, lambda: stop.asked) for run in runs]
+            return [
+                rescored(_shown(run), problem, pool, time.monotonic, lambda: stop.requested) for run in runs
+            ]
     except SearchStopped as error:
         raise Stopped("stopped; nothing was changed") from error

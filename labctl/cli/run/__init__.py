@@ -1,1 +1,1 @@
-"""`labctl run`, and the words to a run that goes on."""
+"""`labctl run`, and the requests to a running protocol: pause, resume, abort."""

@@ -1,4 +1,4 @@
-"""`labctl run PROTOCOL`: a scripted measurement, every trial committed to the ledger before it is told."""
+"""`labctl run PROTOCOL`: a scripted measurement, every trial committed to the ledger before it is reported."""
 
 import math
 from pathlib import Path
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("protocol", required=False)
 @click.option(
-    "--pattern", "patterns", multiple=True, help="The design's pattern to stiffen; layering takes two."
+    "--pattern", "patterns", multiple=True, help="Pattern of the design to jam; layering takes two."
 )
 @click.option(
     "--pressure",
@@ -24,16 +24,22 @@ if TYPE_CHECKING:
     multiple=True,
     help="Gauge pressure to hold; may be repeated.  [default: the protocol's]",
 )
-@click.option("--trials", type=click.IntRange(1, 100), help="Of each kind.  [default: the protocol's]")
+@click.option(
+    "--trials",
+    type=click.IntRange(1, 100),
+    help="Trials of each placement, pattern and pressure.  [default: the protocol's]",
+)
 @click.option(
     "--attempts",
     type=click.IntRange(1, 20),
     default=3,
     show_default=True,
-    help="How often a trial that is not good is tried.",
+    help="Attempts at most at each trial, until one is good.",
 )
-@click.option("--placement", help="How the fibers lie, for the tables.  [default: neat or combined]")
-@click.option("--watch", "watch_text", help="How long to watch the sheet after venting (relaxation).")
+@click.option(
+    "--placement", help="Name of the fibers' placement, for the tables.  [default: neat or combined]"
+)
+@click.option("--watch", "watch_text", help="How long to record the sheet after venting (relaxation).")
 @click.option(
     "--operator", help="Who measures.  [default: LABCTL_OPERATOR of the environment, else the user's name]"
 )
@@ -41,13 +47,11 @@ if TYPE_CHECKING:
 @click.option(
     "--dry-run", is_flag=True, help="Print the steps with their times, check every limit, touch nothing."
 )
-@click.option(
-    "--continue", "continued", metavar="RUN", help="Go on with an interrupted run at its next trial."
-)
+@click.option("--continue", "continued", metavar="RUN", help="Continue an interrupted run at its next trial.")
 @click.option(
     "--speed",
     type=click.FloatRange(0.1, 100),
-    help="How fast the time of the command's own doubles runs.  [default: 1]",
+    help="Speed of the doubles' time; without --rig only.  [default: 1]",
 )
 @design_option
 @rig_option
@@ -73,10 +77,11 @@ def run(
     ledger_folder: Path,
     as_json: bool,
 ) -> None:
-    """Run a protocol: five-trial, pressure-sweep, relaxation, layering, calibration, inflate, or your own.
+    """Run a protocol and record it in the ledger.
 
-    Each trial is in the ledger before it is told. Ctrl-C at any moment ends in SAFE; --continue RUN goes on at
-    the next trial. Exit code 0 means that every trial is good and SAFE was read back.
+    PROTOCOL is five-trial, pressure-sweep, relaxation, layering, calibration, inflate, or your own. Each trial is
+    committed to the ledger before it is reported. Ctrl-C at any moment ends in SAFE; --continue RUN continues at the
+    next trial. Exit code 0: every trial is good and SAFE was read back.
     """
     from labctl.cli.run.options import SessionOptions
     from labctl.session.catalogue import find_protocol
@@ -87,30 +92,30 @@ def run(
     if speed is not None and math.isnan(speed):
         raise BadInput("--speed nan is no number; write for example --speed 20")
     if speed is not None and rig_path is not None:
-        raise BadInput("--speed is for the command's own doubles; a rig.toml says its own speed")
+        raise BadInput("--speed is for the command's own doubles; a rig.toml states its own speed")
     if continued is not None:
         _refuse_beside_continue(ctx)
-        from labctl.cli.run.begin import resume
+        from labctl.cli.run.start import continue_run
 
-        resume(continued, ledger_folder, options)
+        continue_run(continued, ledger_folder, options)
         return
     if protocol is None:
         raise BadInput(f"which protocol? {_protocols()}")
-    asked = _asked(patterns, pressure_texts, trials, attempts, placement, watch_text)
-    prepared = prepare(find_protocol(protocol), asked, design_name)
+    run_options = _run_options(patterns, pressure_texts, trials, attempts, placement, watch_text)
+    prepared = prepare(find_protocol(protocol), run_options, design_name)
     if dry_run:
-        from labctl.cli.run.dry_run import tell_plan
+        from labctl.cli.run.dry_run import print_plan
 
-        tell_plan(prepared, rig_path, as_json)
+        print_plan(prepared, rig_path, as_json)
         return
-    # The instruments' side takes a second to import: what is asked for wrongly is answered before.
-    from labctl.cli.run.begin import begin
+    # The instruments' side takes a second to import: bad input is refused before.
+    from labctl.cli.run.start import start_run
 
-    begin(prepared, design_name, ledger_folder, options)
+    start_run(prepared, design_name, ledger_folder, options)
 
 
 def _refuse_beside_continue(ctx: click.Context) -> None:
-    """What a run is was settled when it began."""
+    """Refuse options that a run's start has settled."""
     own = {"continued", "rig_path", "ledger_folder", "speed", "operator", "note", "as_json"}
     given = [
         name
@@ -120,12 +125,12 @@ def _refuse_beside_continue(ctx: click.Context) -> None:
     if given:
         names = {parameter.name: parameter.opts[0] for parameter in ctx.command.params}
         raise BadInput(
-            f"{', '.join(names[name] for name in given)}: --continue goes on with what the run was begun with; "
-            "leave it out"
+            f"{', '.join(names[name] for name in given)}: --continue takes what the run was started "
+            "with; leave it out"
         )
 
 
-def _asked(
+def _run_options(
     patterns: tuple[str, ...],
     pressure_texts: tuple[str, ...],
     trials: int | None,

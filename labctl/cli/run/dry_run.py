@@ -1,11 +1,11 @@
-"""`labctl run --dry-run`: the plan in words and times, every limit checked, no instrument touched."""
+"""`labctl run --dry-run`: the plan with its times, every limit checked, no instrument touched."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.output import banner, emit_json
+from labctl.cli.output import banner, counted, emit_json
 from labctl.cli.rigs import rig_to_be
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from labctl.session.prepare import PreparedRun
 
 
-def tell_plan(prepared: "PreparedRun", rig_path: Path | None, as_json: bool) -> None:
+def print_plan(prepared: "PreparedRun", rig_path: Path | None, as_json: bool) -> None:
     """Check the whole plan against the rig's limits and print it.
 
     Raises:
@@ -26,18 +26,18 @@ def tell_plan(prepared: "PreparedRun", rig_path: Path | None, as_json: bool) -> 
 
     config = rig_to_be(rig_path, prepared.design)
     trials = plan(prepared.protocol, prepared.request, prepared.design, config)
-    kinds = group_repeated(trials)
-    lasts_s = sum(kind.lasts_s for kind in kinds)
+    groups = group_repeated(trials)
+    lasts_s = sum(group.lasts_s for group in groups)
     if as_json:
-        emit_json(_for_machines(prepared, config, kinds, lasts_s))
+        emit_json(_for_machines(prepared, config, groups, lasts_s))
         return
     banner(config.simulated)
     click.echo(
-        f"{prepared.protocol.name} on {config.name}: {len(trials)} trials, usually {_minutes(lasts_s)}"
+        f"{prepared.protocol.name} on {config.name}: {counted(len(trials), 'trial')}, usually {_minutes(lasts_s)}"
     )
-    for kind in kinds:
+    for group in groups:
         click.echo("")
-        _tell_kind(kind, len(trials))
+        _print_repeated(group, len(trials))
     limits = config.limits
     click.echo("")
     click.echo(
@@ -46,26 +46,26 @@ def tell_plan(prepared: "PreparedRun", rig_path: Path | None, as_json: bool) -> 
     )
 
 
-def _tell_kind(kind: "RepeatedTrials", trials: int) -> None:
-    pressures = ", ".join(f"{pressure:.2f}" for pressure in kind.pressures_psi)
-    numbers = ", ".join(map(str, kind.numbers))
-    click.echo(f"trial {numbers} of {trials}: {kind.placement} {kind.pattern} at {pressures} psi")
-    if kind.sheet:
-        click.echo(f"on {kind.sheet}")
-    width = max(len(step.description) for step in kind.checklist.steps)
+def _print_repeated(group: "RepeatedTrials", trials: int) -> None:
+    pressures = ", ".join(f"{pressure:.2f}" for pressure in group.pressures_psi)
+    numbers = ", ".join(map(str, group.numbers))
+    click.echo(f"trial {numbers} of {trials}: {group.placement} {group.pattern} at {pressures} psi")
+    if group.sheet:
+        click.echo(f"on {group.sheet}")
+    width = max(len(step.description) for step in group.checklist.steps)
     click.echo(f"{'':10}{'step':{width}}  {'usually':>8}  {'at most':>8}")
-    for part, step in _steps(kind):
+    for part, step in _steps(group):
         click.echo(f"{part:10}{step.description:{width}}  {step.lasts_s:6.0f} s  {step.deadline_s:6.0f} s")
 
 
-def _steps(kind: "RepeatedTrials") -> list[tuple[str, "Step"]]:
-    checklist = kind.checklist
+def _steps(group: "RepeatedTrials") -> list[tuple[str, "Step"]]:
+    checklist = group.checklist
     parts = (("setup", checklist.setup), ("main", checklist.main), ("teardown", checklist.teardown))
     return [(part, step) for part, steps in parts for step in steps]
 
 
 def _for_machines(
-    prepared: "PreparedRun", config: "RigConfig", kinds: tuple["RepeatedTrials", ...], lasts_s: float
+    prepared: "PreparedRun", config: "RigConfig", groups: tuple["RepeatedTrials", ...], lasts_s: float
 ) -> dict[str, Any]:
     return {
         "simulated": config.simulated,
@@ -73,10 +73,10 @@ def _for_machines(
         "lasts_s": lasts_s,
         "trials": [
             {
-                "numbers": kind.numbers,
-                "placement": kind.placement,
-                "pattern": kind.pattern,
-                "pressures_psi": kind.pressures_psi,
+                "numbers": group.numbers,
+                "placement": group.placement,
+                "pattern": group.pattern,
+                "pressures_psi": group.pressures_psi,
                 "steps": [
                     {
                         "part": part,
@@ -84,10 +84,10 @@ def _for_machines(
                         "lasts_s": step.lasts_s,
                         "deadline_s": step.deadline_s,
                     }
-                    for part, step in _steps(kind)
+                    for part, step in _steps(group)
                 ],
             }
-            for kind in kinds
+            for group in groups
         ],
     }
 

@@ -16,13 +16,18 @@ from labctl.ledger.records import RunRecord, SimulatedHeights, TrialRecord
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
 from labctl.safety.safe_state import SafeReport
+from labctl.session.continuation import (
+    changed_instruments,
+    record_continuation,
+    require_same_plan,
+    require_same_rig,
+)
 from labctl.session.contract import Trial
+from labctl.session.control_file import ControlFile
 from labctl.session.engine import conduct
-from labctl.session.inbox import Inbox
 from labctl.session.prepare import PreparedRun
-from labctl.session.record import begin_run, simulated_heights
+from labctl.session.record import record_new_run, simulated_heights
 from labctl.session.request import plan
-from labctl.session.resume import changed_instruments, go_on, require_same_plan, require_same_rig
 from labctl.session.run_stop import RunStop
 from labctl.statistics.summary import RunSummary
 from sim.warm import compile_kernels
@@ -51,16 +56,16 @@ class FinishedRun:
 
 @contextmanager
 def open_session(ledger: AbstractContextManager[Path], options: SessionOptions) -> Iterator[Session]:
-    """A session in the ledger's folder; before any instrument is asked.
+    """A session in the ledger's folder; before any instrument is contacted.
 
     Signals are stops from before the folder is entered until it was left: what is temporary is removed then too.
     """
     with ExitStack() as opened:
         stop = RunStop(opened.enter_context(stop_on_signals()))
         line = opened.enter_context(ProgressLine(quiet=options.as_json))
-        writer = opened.enter_context(LedgerWriter.open(opened.enter_context(ledger), line.note))
-        # Whoever sees the lock held may leave a word, however long it takes until the rig is open.
-        stop.listen_to(Inbox(writer.folder, Outcome.current().platform.scheduler))
+        writer = opened.enter_context(LedgerWriter.open(opened.enter_context(ledger), line.notify))
+        # Whoever sees the lock held may make a request, however long it takes until the rig is open.
+        stop.watch(ControlFile(writer.folder, Outcome.current().platform.scheduler))
         yield Session(writer, stop, line)
 
 
@@ -73,7 +78,7 @@ def measure(
         LabError: what `labctl.session.engine.conduct` raises; the rig was taken to SAFE.
     """
     line = session.line
-    compile_kernels(line.note)
+    compile_kernels(line.notify)
     with chosen_rig(options.rig_path, design_name, session.stop, options.speed) as config:
         planned = plan(prepared.protocol, prepared.request, prepared.design, config)
         heights = _heights(prepared, planned, config, session)
@@ -81,17 +86,17 @@ def measure(
 
         def register(rig: Rig) -> RunRecord:
             record = _register(prepared, options, session, rig, len(planned), heights)
-            reporter.begun(record)
+            reporter.run_started(record)
             return record
 
         line.show("opening the rig")
         opened = reporting(
-            Rig(config, stop=session.stop, notify=line.note, platform=Outcome.current().platform)
+            Rig(config, stop=session.stop, notify=line.notify, platform=Outcome.current().platform)
         )
         attempts = prepared.request.attempts
         try:
             run, summary = conduct(
-                opened, register, planned, attempts, session.writer, session.stop, reporter.listener()
+                opened, register, planned, attempts, session.writer, session.stop, reporter.observer()
             )
         finally:
             reporter.finish()
@@ -102,7 +107,7 @@ def measure(
 def _heights(
     prepared: PreparedRun, planned: tuple[Trial, ...], config: RigConfig, session: Session
 ) -> tuple[SimulatedHeights, ...]:
-    """The simulated heights: of a run that goes on those that it was begun with."""
+    """The simulated heights: of a continued run those of its record."""
     if prepared.run is None:
         session.line.show("simulating the patterns")
         return simulated_heights(prepared.design, planned, config)
@@ -119,10 +124,10 @@ def _register(
     planned: int,
     heights: tuple[SimulatedHeights, ...],
 ) -> RunRecord:
-    """The run in the ledger: a new one, or that it goes on."""
+    """The run in the ledger: a new one, or that it is continued."""
     who = options.operator or default_operator()
     if prepared.run is None:
-        return begin_run(session.writer, prepared, planned, heights, rig, who, options.note)
+        return record_new_run(session.writer, prepared, planned, heights, rig, who, options.note)
     for change in changed_instruments(prepared.run, rig):
-        session.line.note(change)
-    return go_on(session.writer, prepared.run, rig, who, options.note)
+        session.line.notify(change)
+    return record_continuation(session.writer, prepared.run, rig, who, options.note)

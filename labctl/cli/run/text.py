@@ -1,4 +1,4 @@
-"""What `labctl run` says: trial by trial, the result, and beforehand the plan."""
+"""What `labctl run` prints: the run, each trial, the result."""
 
 import getpass
 import os
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.output import ProgressLine, banner, emit_json, table
+from labctl.cli.output import ProgressLine, banner, counted, emit_json, table
 from labctl.errors import BadInput, Stopped
 from labctl.nonblocking_output import NonBlockingOutput
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from labctl.rig import Rig
     from labctl.safety.safe_state import SafeReport
     from labctl.session.contract import Trial
-    from labctl.session.engine import Listener
+    from labctl.session.engine import RunObserver
     from labctl.statistics.summary import RunSummary
 
 _LOOK_S = 0.2
 
 
 class RunReporter:
-    """Says on standard output what is committed; waits for nobody who does not read.
+    """Prints on standard output what is committed; waits for no reader.
 
     Args:
         line: the progress line.
@@ -49,37 +49,38 @@ class RunReporter:
         self._quiet = quiet
         self._output = NonBlockingOutput(click.echo)
         if any(trial.sheet for trial in trials) and not config.simulated and not sys.stdin.isatty():
-            raise BadInput("this protocol asks for another sheet on the way: run it at a terminal")
+            raise BadInput("this protocol needs another sheet on the way: run it at a terminal")
 
-    def begun(self, run: "RunRecord") -> None:
-        """Say which run it is."""
-        self._say(f"run {run.number}: {run.protocol}, design {run.design_name}, {self._planned} trials")
+    def run_started(self, run: "RunRecord") -> None:
+        """Print which run it is."""
+        planned = counted(self._planned, "trial")
+        self._print(f"run {run.number}: {run.protocol}, design {run.design_name}, {planned}")
 
-    def listener(self) -> "Listener":
-        """Who the engine tells."""
-        from labctl.session.engine import Listener
+    def observer(self) -> "RunObserver":
+        """The callbacks that the engine reports to."""
+        from labctl.session.engine import RunObserver
 
-        return Listener(self._committed, self._line.show, self._line.note, self._mount)
+        return RunObserver(self._trial_committed, self._line.show, self._line.notify, self._mount_sheet)
 
     def finish(self) -> None:
-        """Let what is waiting be said, for a second at most."""
+        """Print what is queued, for a second at most."""
         self._output.finish()
 
-    def _committed(self, record: "TrialRecord") -> None:
-        self._say(describe_trial(record, self._planned))
+    def _trial_committed(self, record: "TrialRecord") -> None:
+        self._print(describe_trial(record, self._planned))
 
-    def _say(self, text: str) -> None:
+    def _print(self, text: str) -> None:
         if not self._quiet:
             self._output.write(text)
 
-    def _mount(self, sheet: str, rig: "Rig") -> None:
+    def _mount_sheet(self, sheet: str, rig: "Rig") -> None:
         """Wait until a person has laid the sheet on the rig; the doubles' sheet knows no order of fibers."""
         if self._config.simulated:
-            self._line.note(f"{sheet}: the simulated sheet is the same in either order")
+            self._line.notify(f"{sheet}: the simulated sheet is the same in either order")
             return
         # An Enter from before the question answers nothing.
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
-        self._line.note(f"lay {sheet} on the rig, which is SAFE, then press Enter")
+        self._line.notify(f"lay {sheet} on the rig, which is SAFE, then press Enter")
         while not select.select([sys.stdin], [], [], 0)[0]:
             rig.wait(_LOOK_S)
         if not sys.stdin.readline():
@@ -105,14 +106,14 @@ def default_operator() -> str:
     return ""
 
 
-def tell_result(
+def print_result(
     run: "RunRecord",
     summary: "RunSummary",
     trials: Sequence["TrialRecord"],
     safe: "SafeReport | None",
     as_json: bool,
 ) -> None:
-    """The result of a finished run, for a person or a machine."""
+    """Print the result of a finished run, as a table or as JSON."""
     if as_json:
         emit_json(
             {
@@ -127,14 +128,14 @@ def tell_result(
         return
     click.echo("")
     banner(run.simulated)
-    tell_summary(summary)
+    print_summary(summary)
     if safe is not None:
         click.echo(safe.describe())
     click.echo(f"look at it: labctl show {run.number}, labctl report {run.number}")
 
 
-def tell_summary(summary: "RunSummary") -> None:
-    """The groups of a run as a table."""
+def print_summary(summary: "RunSummary") -> None:
+    """Print the groups of a run as a table."""
     rows = [
         (
             group.placement,

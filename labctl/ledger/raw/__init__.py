@@ -1,1 +1,1 @@
-"""A trial's raw recordings: Parquet files, whole or not there."""
+"""A trial's raw recordings: Parquet files, each complete or not there."""

@@ -30,7 +30,7 @@ def file_problem(folder: Path, file: RawFile) -> str | None:
 
 
 def as_recorded(folder: Path, file: RawFile) -> Path:
-    """The path of a raw file that is still what was recorded: what is shown or handed on is read from no other.
+    """The path of a raw file that is still what was recorded: what is shown or exported is read from no other.
 
     Raises:
         RawDamaged: it is not.

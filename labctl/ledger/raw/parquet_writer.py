@@ -1,4 +1,4 @@
-"""A Parquet file on its way: written under a name of its own until it is whole and on the disk."""
+"""Writes a Parquet file, under a name of its own until it is complete and on the disk."""
 
 import errno
 import hashlib

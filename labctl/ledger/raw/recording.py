@@ -1,7 +1,7 @@
 """Raw recordings beside the ledger: what the instruments answered, in two Parquet files a trial.
 
 A file is written as the samples come, under a name that ends in `.unfinished`, and takes its own name only when it is
-whole and on the disk. So a file with its own name is a whole one, whenever the power went.
+complete and on the disk. So a file with its own name is complete, whenever the power went.
 """
 
 import errno
@@ -119,7 +119,7 @@ class RawRecorder:
         for file in self._files.values():
             file.give_up()
         raise RecordingFailed(
-            f"{self._folder / self._stem}: the recording is not whole: {_format_cause(self._error)}. What was "
+            f"{self._folder / self._stem}: the recording is incomplete: {_format_cause(self._error)}. What was "
             f"written is in {self._stem}.*{UNFINISHED}"
         ) from self._error
 
@@ -181,7 +181,7 @@ def read_frames(path: Path) -> MarkerFrames:
     """The frames of a file, to the bit as they were taken.
 
     Raises:
-        RawDamaged: the file is not there, not whole or not one of marker frames.
+        RawDamaged: the file is not there, incomplete or not one of marker frames.
     """
     try:
         return tables.frames_of(_read(path, tables.FRAMES))
@@ -195,7 +195,7 @@ def read_pressures(path: Path) -> PressureSamples:
     """The pressures of a file, to the bit as they were taken.
 
     Raises:
-        RawDamaged: the file is not there, not whole or not one of pressures.
+        RawDamaged: the file is not there, incomplete or not one of pressures.
     """
     return tables.pressures_of(_read(path, tables.PRESSURES))
 
@@ -204,7 +204,7 @@ def _read(path: Path, schema: pa.Schema) -> pa.Table:
     """The table in a file, with each page's checksum looked at.
 
     Raises:
-        RawDamaged: it is not there, not whole, or no table of this schema.
+        RawDamaged: it is not there, incomplete, or no table of this schema.
     """
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:

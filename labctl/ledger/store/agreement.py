@@ -105,7 +105,7 @@ def _lost(rows: tuple[Row, ...], journal: JournalRead, database: DatabaseRead, l
     names = dict(journal.broken)
     unnamed = 0
     if database.problem is not None:
-        # SQLite may have had what the damaged lines held; where it is whole they are appends that were not finished.
+        # SQLite may have had what the damaged lines held; where it is sound they are appends that were not finished.
         unnamed = journal.unnamed + (bool(journal.torn) and not journal.torn_named)
         # A damaged line may have a damaged number: what cannot follow is not believed.
         names = {seq: what for seq, what in names.items() if seq <= last + len(names) + unnamed}

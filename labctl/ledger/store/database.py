@@ -18,7 +18,7 @@ _SMALLEST_ROW = 100
 
 @dataclass(frozen=True)
 class DatabaseRead:
-    """Rows by sequence number; `problem` is what is wrong with the file, None where it is whole."""
+    """Rows by sequence number; `problem` is what is wrong with the file, None where it is undamaged."""
 
     rows: Mapping[int, Row]
     problem: str | None
@@ -98,7 +98,7 @@ def _copied(path: Path) -> Iterator[Path]:
 
 
 def _salvaged(copy: Path, highest_seq: int) -> dict[int, Row]:
-    """Rows that match their checksums, each asked for by itself, so that a damaged page spoils only its own."""
+    """Rows that match their checksums, each read by itself, so that a damaged page spoils only its own."""
     rows: dict[int, Row] = {}
     # A damaged page may claim any number: no more rows are looked for than the file has room for.
     room = (copy.stat().st_size + (wal_of(copy).stat().st_size if _has_wal(copy) else 0)) // _SMALLEST_ROW

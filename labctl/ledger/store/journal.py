@@ -25,10 +25,10 @@ _BROKEN_HEAD = re.compile(
 class JournalRead:
     """What a journal holds.
 
-    `rows` are whole, in the file's order. `broken` is what is known of damaged lines: what each sequence number was;
-    `unnamed` counts those of which nothing is known. `torn` is what follows the last end of line, from `torn_at` on:
-    an append that was not finished; `torn_named` where `broken` names it. `sound` where the file is a head and
-    whole lines, whether or not something torn follows.
+    `rows` are the undamaged ones, in the file's order. `broken` is what is known of damaged lines: what each sequence
+    number was; `unnamed` counts those of which nothing is known. `torn` is what follows the last end of line, from
+    `torn_at` on: an append that was not finished; `torn_named` where `broken` names it. `sound` where the file is a
+    head and undamaged lines, whether or not something torn follows.
     """
 
     rows: tuple[Row, ...]
@@ -76,7 +76,7 @@ def read_journal(path: Path) -> JournalRead:
 
 
 def write_journal(path: Path, rows: Iterable[Row]) -> None:
-    """Write a whole journal in the place of whatever is there; it is on the disk when this returns.
+    """Write a new journal in the place of whatever is there; it is on the disk when this returns.
 
     Raises:
         OSError: it could not be written; what was there still is.
@@ -149,7 +149,7 @@ def _is_head(line: bytes, path: Path) -> bool:
 
 
 def _rows_inside(line: bytes) -> list[Row]:
-    """Whole rows of a damaged line: a damaged end of line joins two, rubbish may stand around one."""
+    """Undamaged rows of a damaged line: a damaged end of line joins two, rubbish may stand around one."""
     rows = []
     text = line.decode("latin-1")
     for mark in re.finditer(MARK.decode("ascii"), text):

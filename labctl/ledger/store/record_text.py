@@ -18,7 +18,7 @@ def format_record(record: Record) -> str:
 
     Raises:
         LabError: a value that JSON does not hold exactly, or that could not be read back into its field: once
-            committed it would make the whole ledger unreadable.
+            committed it would make the ledger unreadable.
     """
     try:
         plain = to_json(record, type(record).__name__)

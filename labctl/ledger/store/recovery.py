@@ -14,7 +14,7 @@ from labctl.ledger.store.rows import Row, row_of
 from labctl.ledger.store.tables import SQLITE, build, connect, insert
 
 
-def recover(folder: Path, now: Now, report: Callable[[str], None]) -> tuple[Row, ...]:
+def recover(folder: Path, now: Now, notify: Callable[[str], None]) -> tuple[Row, ...]:
     """Make both files hold the rows of both; the writer's lock must be held. Returns all rows in order.
 
     What was done is reported, and is an event of the ledger: "restored" or "lost". The journal comes first, so that
@@ -32,7 +32,7 @@ def recover(folder: Path, now: Now, report: Callable[[str], None]) -> tuple[Row,
         seq += 1
         rows.append(row_of(seq, event.at, event))
     for problem in format_problems(found):
-        report(f"ledger {folder}: {problem}")
+        notify(f"ledger {folder}: {problem}")
     _repair_journal(folder / JOURNAL, found, rows, stamp)
     _repair_database(folder / SQLITE, found, rows, stamp)
     return tuple(rows)

@@ -102,7 +102,7 @@ def parse_line(line: bytes) -> str | None:
 
 
 def parse_body(body: str) -> Row:
-    """The row of a body that `parse_line` has found whole."""
+    """The row of a body that `parse_line` has found undamaged."""
     head, text = body.split(_RECORD, 1)
     fields = json.loads("{" + head + "}")
     return Row(**{**fields, "at": from_json(Moment, fields["at"])}, text=text[:-1])

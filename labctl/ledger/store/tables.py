@@ -30,7 +30,7 @@ _KEYS = {
     attempt INTEGER NOT NULL CHECK (attempt > 0),""",
     "event": "run INTEGER REFERENCES runs (run),",
 }
-# Columns for people: taken out of the record when they are asked for.
+# Columns for people: taken out of the record by SQLite when they are queried.
 _SEEN = {
     "run": ("protocol", "design_name", "rig_name", "simulated", "operator", "note"),
     "trial": ("placement", "pattern", "outcome", "reason"),
@@ -91,7 +91,7 @@ def connect(path: Path) -> sqlite3.Connection:
 
 
 def build(path: Path, rows: Iterable[Row]) -> None:
-    """Write a whole new database; it has its name, on the disk, when this returns.
+    """Write a new database; it has its name, on the disk, when this returns.
 
     Rows of a run that is gone are put in all the same.
 
@@ -220,9 +220,9 @@ def _row(kind: Kind, values: tuple[object, ...]) -> Row:
     try:
         at = Moment(written, mono_s, boot)  # type: ignore[arg-type]  # the checksum finds what is not so
         row = Row(seq, kind, run, trial, attempt, at, record)  # type: ignore[arg-type]  # likewise
-        whole = row.checksum == checksum
+        matches = row.checksum == checksum
     except (TypeError, ValueError):
-        whole = False
-    if not whole:
+        matches = False
+    if not matches:
         raise DamagedRow(f"row {seq} ({kind}) does not match its checksum")
     return row

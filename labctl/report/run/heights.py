@@ -16,7 +16,7 @@ from labctl.statistics.summary import Group
 
 SIMULATED = "#1d2329"
 TRIAL = "#56b4e9"
-# Orange and purple, apart for everybody; white where the two are alike.
+# Orange and purple, apart for everybody; white where the two are equal.
 _DIFFERENCE_COLOURS = "PuOr_r"
 _LEAST_DIFFERENCE_PERCENT = 1.0
 # A map whose scale ends below this shows tenths.

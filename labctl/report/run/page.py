@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from labctl.atomic_file import atomic_file, check_writable
+from labctl.atomic_files import atomic_file, check_writable
 from labctl.errors import BadInput
 from labctl.report.page import Table, filled_in
 from labctl.report.picture_style import picture_style, picture_uri
@@ -30,7 +30,7 @@ from labctl.report.run.view import RunView
 
 SIMULATED = "SIMULATED RIG: byte-level doubles answered; no real instrument was connected"
 _FIGURES_A_PAGE = 2
-SOME_SIMULATED = "Some of these runs are of a SIMULATED RIG; each says so"
+SOME_SIMULATED = "Some of these runs are of a SIMULATED RIG; each is marked"
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class _SectionShown:
     tables: tuple[tuple[str, Table], ...]
     folded: tuple[tuple[str, Table], ...]
     caption: str
-    whole: bool
+    unbroken: bool
 
 
 @dataclass(frozen=True)
@@ -138,9 +138,9 @@ def _section(section: Section) -> _SectionShown:
         for each in section.figures
     ]
     # A page of paper holds so much; what is longer may break.
-    whole = len(figures) <= _FIGURES_A_PAGE and not section.tables
+    unbroken = len(figures) <= _FIGURES_A_PAGE and not section.tables
     return _SectionShown(
-        section.title, section.notes, figures, section.tables, section.folded, section.caption, whole
+        section.title, section.notes, figures, section.tables, section.folded, section.caption, unbroken
     )
 
 

@@ -1,4 +1,4 @@
-"""The pressure of every attempt: the whole trace with the windows, and how well each level was held."""
+"""The pressure of every attempt: its full trace with the windows, and how well each level was held."""
 
 from collections.abc import Sequence
 
@@ -39,13 +39,13 @@ def _figure(attempts: Sequence[Attempt], tolerance_psi: float, longest_s: float)
     height_in = _ROW_IN * len(attempts) + 1.4
     figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
     rows = figure.subplots(len(attempts), 2, squeeze=False, sharex="col", width_ratios=(3.0, 1.3))
-    for (whole, near), attempt in zip(rows, attempts, strict=True):
+    for (trace, near), attempt in zip(rows, attempts, strict=True):
         assert attempt.pressures is not None  # noqa: S101 - those without are left out
-        _draw_whole(whole, attempt, attempt.pressures, tolerance_psi)
+        _draw_trace(trace, attempt, attempt.pressures, tolerance_psi)
         _draw_near(near, attempt, attempt.pressures, tolerance_psi)
         failed = attempt.record.outcome != "good"
         title = f"trial {attempt.name}" + (f": {attempt.record.outcome}" if failed else "")
-        whole.set_title(title, loc="left", fontsize=15, color=_FAILED if failed else "black")
+        trace.set_title(title, loc="left", fontsize=15, color=_FAILED if failed else "black")
     rows[0, 1].set_title("off the level held", loc="left", fontsize=15)
     rows[-1, 0].set(xlabel="time from the first reading, s", xlim=(0, longest_s))
     rows[-1, 1].set_xlabel("time from the window's start, s")
@@ -55,7 +55,7 @@ def _figure(attempts: Sequence[Attempt], tolerance_psi: float, longest_s: float)
     return figure
 
 
-def _draw_whole(axes: Axes, attempt: Attempt, pressures: PressureSamples, tolerance_psi: float) -> None:
+def _draw_trace(axes: Axes, attempt: Attempt, pressures: PressureSamples, tolerance_psi: float) -> None:
     start_s = float(pressures.time_s[0])
     for window in attempt.record.windows:
         colour = _WINDOW_COLOURS[window.kind]

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from labctl.instruments.readings import Identity
+from labctl.instruments.readings import NOT_REPORTED, Identity
 from labctl.ledger.records import RunRecord, RunRequest
 from labctl.plain_json import to_json
 from labctl.report.page import Table
@@ -37,13 +37,18 @@ def provenance(view: RunView) -> list[tuple[str, str]]:
 
 
 def instruments_table(run: RunRecord) -> Table:
-    """Who answered, with serial number and firmware."""
+    """The identity of each instrument: model, serial number, firmware, notes."""
     rows = tuple(
         (
             str(run.rig.get(name, {}).get("name", name)),
             *(
                 _format_value(part)
-                for part in (identity.model, identity.serial_number, identity.firmware, identity.notes)
+                for part in (
+                    identity.model,
+                    identity.serial_number or NOT_REPORTED,
+                    identity.firmware or NOT_REPORTED,
+                    identity.notes,
+                )
             ),
         )
         for name, identity in _in_order(run.identities)
@@ -97,7 +102,7 @@ def events_table(view: RunView) -> Table:
 
 
 def rig_text(run: RunRecord) -> str:
-    """The whole configuration, for those who open it."""
+    """The rig's configuration in full, folded on the page."""
     return json.dumps(run.rig, indent=2, ensure_ascii=False)
 
 
@@ -108,11 +113,11 @@ def _in_order(identities: Mapping[str, Identity]) -> list[tuple[str, Identity]]:
 
 
 def _format_request(request: RunRequest) -> str:
-    asked = to_json(request)
-    protocol = asked.pop("protocol")
+    fields = to_json(request)
+    protocol = fields.pop("protocol")
     parts = [
         f"{name.replace('_psi', ', psi').replace('_', ' ')}: {_format_value(value)}"
-        for name, value in asked.items()
+        for name, value in fields.items()
         if value not in (None, [])
     ]
     return "; ".join([protocol, *parts])

@@ -11,13 +11,13 @@ from labctl.ledger.records import TrialRecord
 from labctl.report.run.view import RunView, run_view
 
 
-def read_views(folder: Path, names: Sequence[str], report: Callable[[str], None]) -> list[RunView]:
+def read_views(folder: Path, names: Sequence[str], notify: Callable[[str], None]) -> list[RunView]:
     """The runs of these names, each once, in the order named.
 
     Raises:
         BadInput: there is no ledger, or no such run.
     """
-    with Ledger.open(folder, report) as ledger:
+    with Ledger.open(folder, notify) as ledger:
         runs = {run.number: run for run in map(ledger.find, names)}
 
         def read(trial: TrialRecord) -> PressureSamples:

@@ -82,7 +82,7 @@ def unfinished(view: RunView) -> str:
     notes: Mapping[RunState, str] = {
         "finished": "",
         "failed": "This run failed: a trial was not good in any of its attempts.",
-        "interrupted": f"This run was interrupted; labctl run --continue {view.run.number} goes on with it.",
+        "interrupted": f"This run was interrupted; labctl run --continue {view.run.number} continues it.",
         "running": "This run is still running; the page shows what was committed so far.",
     }
     return notes[view.state]

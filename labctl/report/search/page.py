@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from labctl.atomic_file import atomic_file
+from labctl.atomic_files import atomic_file
 from labctl.design_search.fiber_list import fiber_list
 from labctl.design_search.layout_shape import LayoutShape, layout_shapes
 from labctl.design_search.pick import Pick, front_members

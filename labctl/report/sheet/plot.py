@@ -5,7 +5,7 @@ from pathlib import Path
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
-from labctl.atomic_file import atomic_file
+from labctl.atomic_files import atomic_file
 from labctl.report.picture_style import picture_style, shortened
 from labctl.report.sheet.drawing import sheet_drawing
 from labctl.report.sheet.panels import COLOURS, HeightRange, draw_height_map, draw_surface

@@ -1,4 +1,4 @@
-"""A run goes on with what it was begun with, and no attempt takes another's number."""
+"""A run is continued with what it was started with, and no attempt takes another's number."""
 
 from dataclasses import replace
 
@@ -10,10 +10,10 @@ from labctl.ledger.moment import now
 from labctl.ledger.records import TrialRecord
 from labctl.ledger.writer import LedgerWriter
 from labctl.session import attempt as attempts
+from labctl.session.continuation import require_same_plan
 from labctl.session.engine import last_attempt
 from labctl.session.events import unrecorded_attempts, write_event
 from labctl.session.request import plan
-from labctl.session.resume import require_same_plan
 
 
 def failed(run, number, attempt):
@@ -23,7 +23,7 @@ def failed(run, number, attempt):
 
 
 @pytest.fixture
-def begun(laboratory):
+def started(laboratory):
     """A laboratory whose first run ended in its first trial, its ledger open, and the run."""
     lab = laboratory()
 
@@ -43,40 +43,40 @@ def begun(laboratory):
         yield lab, ledger, ledger.run(1)
 
 
-def planned(lab, **asked):
-    prepared = lab.prepared(**asked)
+def planned(lab, **options):
+    prepared = lab.prepared(**options)
     return plan(prepared.protocol, prepared.request, lab.design, lab.config)
 
 
-def test_the_same_plan_goes_on(begun):
-    lab, ledger, run = begun
+def test_the_same_plan_is_continued(started):
+    lab, ledger, run = started
     require_same_plan(ledger, run, planned(lab))
 
 
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    ("options", "message"),
     [
         ({"trials": 3}, "2 trials were planned, and 3 are now"),
         ({"placement": "neat sphere"}, "trial 1 was neat rod at 1.5 psi"),
         ({"pressures_psi": (1.4,)}, "trial 1 was neat rod at 1.5 psi; rod at 1.4 psi was not simulated"),
     ],
 )
-def test_a_protocol_that_plans_otherwise_by_now_does_not_go_on(begun, asked, words):
-    lab, ledger, run = begun
-    with pytest.raises(BadInput, match=words):
-        require_same_plan(ledger, run, planned(lab, **asked))
+def test_a_protocol_that_plans_otherwise_by_now_is_refused(started, options, message):
+    lab, ledger, run = started
+    with pytest.raises(BadInput, match=message):
+        require_same_plan(ledger, run, planned(lab, **options))
 
 
-def test_an_attempt_that_left_nothing_but_its_beginning_is_counted(begun):
-    _, ledger, run = begun
+def test_an_attempt_that_left_nothing_but_its_beginning_is_counted(started):
+    _, ledger, run = started
     write_event(ledger, run.number, "trial-begun", {"number": 1, "attempt": 2})
     assert last_attempt(ledger, run.number, 1) == 2
     assert last_attempt(ledger, run.number, 2) == 0
     assert unrecorded_attempts(ledger, run.number) == ((1, 2),)
 
 
-def test_an_attempt_whose_beginning_is_lost_is_counted(begun):
-    _, ledger, run = begun
+def test_an_attempt_whose_beginning_is_lost_is_counted(started):
+    _, ledger, run = started
     ledger.add_trial(failed(run.number, 2, 1))
     assert last_attempt(ledger, run.number, 2) == 1
 

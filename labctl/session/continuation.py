@@ -1,4 +1,4 @@
-"""A run that goes on: as its record says, on a rig and by a plan that measure as those that began it."""
+"""A run that is continued: with its recorded request, on a rig and by a plan that measure as at its start."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -7,7 +7,6 @@ from typing import Any
 from labctl.config.load import design_from_text
 from labctl.config.rig import RigConfig
 from labctl.errors import BadInput
-from labctl.instruments.readings import Identity
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.records import RunRecord
 from labctl.ledger.writer import LedgerWriter
@@ -18,16 +17,16 @@ from labctl.session.events import unrecorded_attempts, write_event
 from labctl.session.prepare import PreparedRun
 from labctl.session.provenance import commit, versions
 
-# What may differ between the rig that began a run and the one that goes on with it: how it is reached, how fast a
-# simulated one runs.
+# What may differ between the rig that a run was started on and the one it is continued on: how it is reached, how
+# fast a simulated one runs.
 _MAY_DIFFER = frozenset(
     {"source", "speed", "port", "baudrate", "host", "tcp_port", "server_number", "timeout_s"}
 )
 _MOST_NAMED = 6
 
 
-def prepare_again(ledger: Ledger, name: str) -> PreparedRun:
-    """A run that goes on, as its record says.
+def prepare_continuation(ledger: Ledger, name: str) -> PreparedRun:
+    """The run of this name, prepared as its record has it.
 
     Raises:
         BadInput: no such run, or it is finished.
@@ -35,14 +34,14 @@ def prepare_again(ledger: Ledger, name: str) -> PreparedRun:
     run = ledger.find(name)
     if any(event.kind == "finished" for event in ledger.events(run.number)):
         raise BadInput(
-            f"run {run.number} is finished; look at it with labctl show {run.number}, or begin a new one"
+            f"run {run.number} is finished; look at it with labctl show {run.number}, or start a new one"
         )
     design = design_from_text(run.design_text, run.design_source)
     return PreparedRun(find_protocol(run.protocol), run.request, design, run.design_text, run)
 
 
 def require_same_rig(run: RunRecord, config: RigConfig) -> None:
-    """Refuse to go on with a run on a rig that measures otherwise.
+    """Refuse to continue a run on a rig that measures otherwise.
 
     Raises:
         BadInput: naming what differs.
@@ -52,13 +51,13 @@ def require_same_rig(run: RunRecord, config: RigConfig) -> None:
         differing[_MOST_NAMED:] = [f"and {len(differing) - _MOST_NAMED} more"]
     if differing:
         raise BadInput(
-            f"run {run.number} was begun on another rig: {'; '.join(differing)}. Set it back in {config.source}, or "
-            "begin a new run"
+            f"run {run.number} was started on another rig: {'; '.join(differing)}. Set it back in {config.source}, "
+            "or start a new run"
         )
 
 
 def require_same_plan(ledger: Ledger, run: RunRecord, trials: Sequence[Trial]) -> None:
-    """Refuse to go on with a run by a protocol that now plans other trials than were begun.
+    """Refuse to continue a run by a protocol that now plans other trials than were started.
 
     Raises:
         BadInput: naming what differs.
@@ -66,23 +65,26 @@ def require_same_plan(ledger: Ledger, run: RunRecord, trials: Sequence[Trial]) -
     planned = {trial.number: (trial.placement, trial.pattern, trial.pressures_psi) for trial in trials}
     found = []
     if len(trials) != run.planned_trials:
-        found.append(f"{run.planned_trials} trials were planned, and {len(trials)} are now")
+        were = "1 trial was" if run.planned_trials == 1 else f"{run.planned_trials} trials were"
+        found.append(f"{were} planned, and {len(trials)} {'is' if len(trials) == 1 else 'are'} now")
     for was in ledger.trials(run.number):
         if planned.get(was.number) != (was.placement, was.pattern, was.pressures_psi):
             pressures = ", ".join(f"{psi:g}" for psi in was.pressures_psi)
             found.append(f"trial {was.number} was {was.placement} {was.pattern} at {pressures} psi")
     simulated = {(level.pattern, level.pressure_psi) for level in run.simulated_heights}
-    wanted = {(trial.pattern, psi) for trial in trials for psi in trial.pressures_psi}
-    found += [f"{pattern} at {psi:g} psi was not simulated" for pattern, psi in sorted(wanted - simulated)]
+    needed = {(trial.pattern, psi) for trial in trials for psi in trial.pressures_psi}
+    found += [f"{pattern} at {psi:g} psi was not simulated" for pattern, psi in sorted(needed - simulated)]
     if found:
         raise BadInput(
-            f"protocol {run.protocol} does not plan what run {run.number} was begun with: "
-            f"{'; '.join(dict.fromkeys(found))}. Go on with the version that began it, or begin a new run"
+            f"protocol {run.protocol} does not plan what run {run.number} was started with: "
+            f"{'; '.join(dict.fromkeys(found))}. Continue it with the version that started it, or start a new run"
         )
 
 
-def go_on(ledger: LedgerWriter, run: RunRecord, rig: Rig, operator: str, note: str) -> RunRecord:
-    """Say in the ledger that a run goes on: by whom, with what, and which attempts were left without a record."""
+def record_continuation(
+    ledger: LedgerWriter, run: RunRecord, rig: Rig, operator: str, note: str
+) -> RunRecord:
+    """Record that a run is continued: by whom, with what, and which attempts were left without a record."""
     detail = {
         "operator": operator,
         "note": note,
@@ -99,18 +101,12 @@ def go_on(ledger: LedgerWriter, run: RunRecord, rig: Rig, operator: str, note: s
 
 
 def changed_instruments(run: RunRecord, rig: Rig) -> tuple[str, ...]:
-    """In words, each instrument that answers otherwise than when the run was begun; the ledger keeps both answers."""
+    """A line for each instrument that reports another identity than at the run's start; the ledger has both."""
     return tuple(
-        f"{instrument}: the run was begun with {_who(run.identities[instrument])}, {_who(now_there)} answers now"
+        f"{instrument}: the run was started with {before.describe()}; {now_there.describe()} answers now"
         for instrument, now_there in rig.identities.by_instrument().items()
-        if _who(run.identities[instrument]) != _who(now_there)
+        if (before := run.identities[instrument]).describe() != now_there.describe()
     )
-
-
-def _who(identity: Identity) -> str:
-    """An instrument's name for itself."""
-    number, firmware = identity.serial_number, identity.firmware
-    return f"{identity.model}, serial number {number or 'not told'}, firmware {firmware or 'not told'}"
 
 
 def _differences(before: Mapping[str, Any], after: Mapping[str, Any], path: str) -> Sequence[str]:

@@ -1,4 +1,4 @@
-"""Writing a file whole or not at all."""
+"""Atomic files and folders: what is written takes its name when it is complete, or nothing changes."""
 
 import stat
 import tempfile
@@ -18,7 +18,7 @@ def check_writable(path: Path) -> None:
     try:
         if not path.parent.is_dir():
             raise BadInput(f"{path}: there is no folder {path.parent}; make it, or name another")
-        # Not asked for with exists(), to which a link to itself is simply not there.
+        # Not by exists(), to which a link to itself is simply not there.
         there = path.stat()
     except FileNotFoundError:
         return
@@ -35,14 +35,14 @@ def same_file(one: Path, other: Path) -> bool:
     """Whether two paths name one file, whether by links or because neither is there yet."""
     try:
         return one.resolve() == other.resolve() or (one.exists() and other.exists() and one.samefile(other))
-    # Of a link to itself resolve() makes a RuntimeError; whether it can be written is asked elsewhere.
+    # Of a link to itself resolve() makes a RuntimeError; whether it can be written is checked elsewhere.
     except (OSError, RuntimeError):
         return False
 
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
-    """Hand out a path to write to; what is there takes the place of `path` when the block ends without error.
+    """Yield a path to write to; what is there takes the place of `path` when the block ends without error.
 
     Raises:
         BadInput: it could not be written; whatever was at `path` is still there.
@@ -57,3 +57,30 @@ def atomic_file(path: Path) -> Iterator[Path]:
             unfinished.replace(place)
     except OSError as error:
         raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+@contextmanager
+def atomic_folder(path: Path) -> Iterator[Path]:
+    """Yield an empty folder to fill; it becomes `path` when the block ends without error.
+
+    Raises:
+        BadInput: something is at `path` already, or the folder could not be written; nothing half-written is left.
+    """
+    _check_free(path)
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as around:
+            unfinished = Path(around) / path.name
+            unfinished.mkdir()
+            yield unfinished
+            _check_free(path)
+            unfinished.rename(path)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _check_free(path: Path) -> None:
+    if not path.parent.is_dir():
+        raise BadInput(f"{path}: there is no folder {path.parent}; make it, or name another")
+    # A link that leads nowhere is there too.
+    if path.is_symlink() or path.exists():
+        raise BadInput(f"{path}: is there already, and nothing is overwritten; name another, or remove it")
