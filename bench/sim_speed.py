@@ -18,10 +18,11 @@ from bench_report import machine, row
 from oracle.dynamic import dynamic as oracle_dynamic
 
 from sim.equilibrium import equilibrium
+from sim.fiber_voxels import Fiber, build_sheet
 from sim.geometry import PUBLISHED, columns
 from sim.inflation import RampAndHold
 from sim.shape import Failure, Shape
-from sim.sheet import Fiber, Sheet, build_sheet
+from sim.sheet import Sheet
 from sim.solve import solve_registered
 from sim.solver import DEFAULT_STRAIN, Dynamic, Equilibrium, Solver
 

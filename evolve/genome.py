@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import hypot
 
+from sim.fiber_voxels import line_cells
 from sim.geometry import PITCH_M
-from sim.raster import line_cells
 from sim.sheet import Face
 
 GridPoint = tuple[int, int]

@@ -8,20 +8,14 @@ import numpy as np
 from evolve.errors import EvolveError
 from evolve.genome import Genome
 from sim.errors import SimError
+from sim.fiber_voxels import LaidFiber, lay_fibers
 from sim.geometry import Geometry
 from sim.heights import Surface
 from sim.kernel import Precision
 from sim.materials import Materials
 from sim.score import DEFAULT, Scoring, simulation_error
 from sim.shape import Failure
-from sim.sheet import (
-    FiberModel,
-    LaidFiber,
-    Sheet,
-    elements_as_array,
-    elements_from_array,
-    lay_fibers,
-)
+from sim.sheet import FiberModel, Sheet, elements_as_array, elements_from_array
 from sim.solve import RegisteredShape, solve_registered
 from sim.solver import DEFAULT_STRAIN, Solver, SolverName, make_solver
 from sim.targets.target import Target

@@ -1,7 +1,7 @@
 """The published protocol: the lattice stepped through time while its middle layer swells.
 
 Hiller & Lipson, Soft Robotics 1(1), 2014; protocol and step in docs/reference/voxel-physics.md. In the units
-of `sim.layout` and of one time step, 1 / (2 pi sqrt(E L / m)), the step has no other constant than pi.
+of `sim.memory_layout` and of one time step, 1 / (2 pi sqrt(E L / m)), the step has no other constant than pi.
 """
 
 import math
@@ -16,7 +16,8 @@ from sim.inflation import PUBLISHED_PROTOCOL, Inflation
 from sim.kernel import ONE, ZERO, Precision, inlined, kernel, real_of
 from sim.lattice import MAX_MOVE, Lattice, over_cells, plane, voxel_mass_kg
 from sim.law import Constants, constants, plus
-from sim.layout import (
+from sim.materials import Materials
+from sim.memory_layout import (
     CELLS,
     DYNAMIC_SIZE,
     MOVE,
@@ -30,7 +31,6 @@ from sim.layout import (
     quaternion_at,
     vector_at,
 )
-from sim.materials import Materials
 from sim.pull import load_on, pull
 from sim.quaternion import turned
 from sim.shape import Failure, Shape

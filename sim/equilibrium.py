@@ -16,7 +16,7 @@ from sim.geometry import PITCH_M
 from sim.kernel import ONE, TWO, ZERO, Precision, inlined, kernel, real_of
 from sim.lattice import MAX_MOVE, Lattice, plane
 from sim.law import Constants, constants, plus
-from sim.layout import (
+from sim.memory_layout import (
     CALM,
     CELLS,
     CHECKED,

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from sim.kernel import HALF, ONE, ZERO, Precision, inlined
 from sim.law import Constants, beam, deformed, is_large, plus, seen_from
-from sim.layout import (
+from sim.materials import JAMMED, UNJAMMED, Materials
+from sim.memory_layout import (
     FIBER_LOADS,
     FOLDED,
     LARGE,
@@ -30,7 +31,6 @@ from sim.layout import (
     quaternion_at,
     vector_at,
 )
-from sim.materials import JAMMED, UNJAMMED, Materials
 from sim.quaternion import (
     Quaternion,
     Vector,
@@ -45,7 +45,7 @@ from sim.sheet import FACE_LAYER, Sheet
 
 
 class FaceFibers(NamedTuple):
-    """The elements as arrays over elements, in the units of `sim.layout` and the precision of a run.
+    """The elements as arrays over elements, in the units of `sim.memory_layout` and the precision of a run.
 
     `cells` int (m, 2): N and P; `across` (m, 3): from N to P at rest, x and y, and the arm from a voxel's
     centre to its outer face along z; `along` (m, 3): cosine and sine of the direction, and the length;

@@ -9,7 +9,8 @@ from sim.errors import SimError
 from sim.face_fibers import added_modulus_pa, face_fibers
 from sim.geometry import GRID, PITCH_M
 from sim.kernel import Precision
-from sim.layout import (
+from sim.materials import EXPANDING
+from sim.memory_layout import (
     AXES,
     AXIAL,
     AXIAL_DAMPING,
@@ -26,7 +27,6 @@ from sim.layout import (
     Axis,
     Planes,
 )
-from sim.materials import EXPANDING
 from sim.shape import Failure, Shape
 from sim.sheet import Sheet, rest_positions_m
 
@@ -58,7 +58,7 @@ def plane(planes: Planes, at: int) -> Planes:
 
 
 class Lattice:
-    """A sheet as the kernels work on it: `planes` (see `sim.layout`), changed in place.
+    """A sheet as the kernels work on it: `planes` (see `sim.memory_layout`), changed in place.
 
     `modulus_pa` is the unit of all moduli: that of the stiffest link, and more where elements lie beside links.
     """

@@ -1,6 +1,6 @@
 """The link law: what a beam between two neighbouring voxels does to them (docs/reference/voxel-physics.md).
 
-Hiller & Lipson, Soft Robotics 1(1), 2014, as the published experiment ran it, in the units of `sim.layout`.
+Hiller & Lipson, Soft Robotics 1(1), 2014, as the published experiment ran it, in the units of `sim.memory_layout`.
 Both solvers use this one law. It is written for the compiler to run on whole vectors of links: no branches,
 both regimes are computed and one is chosen.
 

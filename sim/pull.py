@@ -3,7 +3,7 @@
 from sim.face_fibers import FaceFibers, pull_fibers
 from sim.kernel import HALF, ONE, ZERO, inlined
 from sim.law import Constants, Strains, beam, deformed, is_large, plus, seen_from, unwind, wind
-from sim.layout import (
+from sim.memory_layout import (
     AXIAL,
     AXIAL_DAMPING,
     BENDING,

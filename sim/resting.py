@@ -1,13 +1,13 @@
 """Whether a lattice is at rest: what its voxels still move and bear, apart from a motion as a rigid body.
 
 The links' moments do not balance exactly, so a sheet at rest goes on turning slowly, and faster and faster
-where nothing stops it: that bends nothing. Summed in double precision, in the units of `sim.layout`.
+where nothing stops it: that bends nothing. Summed in double precision, in the units of `sim.memory_layout`.
 """
 
 import math
 
 from sim.kernel import inlined, kernel
-from sim.layout import (
+from sim.memory_layout import (
     CELLS,
     CHANGE,
     LAST_LOADS,

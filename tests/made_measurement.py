@@ -37,7 +37,7 @@ from labctl.ledger.records import (
 from labctl.ledger.writer import LedgerWriter
 from labctl.measurement.result import ClockFit, LevelResult, RelaxationResult, TrialResult
 from labctl.measurement.windows import Window
-from labctl.mocap.transfer import transfer_error
+from labctl.mocap.transfer_error import transfer_error
 
 _INNER_MM = (52.5, 87.5)
 _ALL_MM = (17.5, 52.5, 87.5, 122.5)

@@ -13,7 +13,7 @@ from labctl.instruments.readings import (
     PressureSamples,
 )
 from labctl.measurement.windows import Window
-from labctl.mocap.frames import between, select_frames
+from labctl.mocap.marker_frames import between, select_frames
 from labctl.rig.instruments import Identities
 from labctl.rig.trace import PressureTrace
 from labctl.safety.safe_state import SafeReport

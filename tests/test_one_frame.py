@@ -17,9 +17,9 @@ from labctl.doubles.markers import MarkerSettings
 from labctl.doubles.reality_gap import NO_GAP
 from labctl.doubles.settings import DoublesSettings
 from labctl.doubles.simulated_rig import simulated_shapes
-from labctl.mocap.frame import fit_sheet_frame
-from labctl.mocap.frames import between, concatenate
 from labctl.mocap.heights import inflation_heights_mm
+from labctl.mocap.marker_frames import between, concatenate
+from labctl.mocap.sheet_frame import fit_sheet_frame
 from labctl.mocap.window import average
 from labctl.rig import Rig
 from labctl.session.contract import Bench

@@ -11,7 +11,7 @@ from labctl.measurement.clock_fit import lab_times_s
 from labctl.measurement.recording import Recording
 from labctl.measurement.windows import Window
 from labctl.mocap.errors import FrameRefused
-from labctl.mocap.frame import SheetFrame, fit_sheet_frame
+from labctl.mocap.sheet_frame import SheetFrame, fit_sheet_frame
 from labctl.mocap.window import samples
 
 # A server's clock that leaps leaves a gap that no recording has.

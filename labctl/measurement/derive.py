@@ -15,7 +15,7 @@ from labctl.measurement.relaxation import measure_relaxation
 from labctl.measurement.result import LevelResult, RelaxationResult, TrialResult
 from labctl.measurement.windows import Window
 from labctl.mocap.errors import FrameRefused
-from labctl.mocap.frame import fit_sheet_frame
+from labctl.mocap.sheet_frame import fit_sheet_frame
 
 
 def derive(

@@ -11,9 +11,9 @@ from labctl.measurement.recording import Recording
 from labctl.measurement.result import Heights, LevelResult
 from labctl.measurement.windows import Window
 from labctl.mocap.errors import TooFewPoints
-from labctl.mocap.frame import SheetFrame
 from labctl.mocap.heights import inflation_heights_mm
-from labctl.mocap.transfer import TransferError, transfer_error
+from labctl.mocap.sheet_frame import SheetFrame
+from labctl.mocap.transfer_error import TransferError, transfer_error
 from labctl.mocap.window import MarkerWindow, average
 
 Floats = NDArray[np.float64]

@@ -10,7 +10,7 @@ from labctl.instruments.readings import MarkerFrames, PressureSamples
 from labctl.measurement.basis import Basis
 from labctl.measurement.clock_fit import fit_clock, lab_times_s
 from labctl.measurement.result import ClockFit
-from labctl.mocap.frames import select_frames
+from labctl.mocap.marker_frames import select_frames
 from labctl.mocap.window import MarkerWindow, average
 
 # A stream that brought less than this share of what was due had stalled.

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.mocap.frame import SheetFrame
+from labctl.mocap.sheet_frame import SheetFrame
 from labctl.mocap.window import MarkerWindow
 
 

@@ -11,7 +11,7 @@ from labctl.errors import GarbledReply, InstrumentError, LinkDown, NoAnswer
 from labctl.instruments.interfaces import MarkerSource
 from labctl.instruments.readings import MarkerFrames
 from labctl.mocap.errors import NoFrames
-from labctl.mocap.frames import concatenate, select_frames
+from labctl.mocap.marker_frames import concatenate, select_frames
 
 # 68 s at 960 Hz.
 CAPACITY = 1 << 16

@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 
 from labctl.config.design import Design
 from labctl.errors import BadInput
-from labctl.mocap.transfer import transfer_error
+from labctl.mocap.transfer_error import transfer_error
 from labctl.simulation.measured_heights import MeasuredHeights
 from labctl.simulation.simulate import simulate_pattern
 from sim.shape import Shape

@@ -10,10 +10,11 @@ from labctl.config.design import Design, Fiber
 from labctl.errors import BadInput
 from labctl.simulation.voxel_files import VoxelFile
 from sim.errors import SimError
+from sim.fiber_voxels import Fiber as SimFiber
+from sim.fiber_voxels import build_sheet
 from sim.geometry import PITCH_M, PUBLISHED, Geometry, column_at, geometry
 from sim.materials import MEASURED_JAMMING, Materials
-from sim.sheet import Fiber as SimFiber
-from sim.sheet import Sheet, build_sheet
+from sim.sheet import Sheet
 from sim.solver import DEFAULT_STRAIN
 
 # The voxel frame's z = 0, the centres of the bottom layer, is two and a half voxels below the top face.

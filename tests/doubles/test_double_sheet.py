@@ -10,12 +10,12 @@ from labctl.doubles.shapes import RUNGS, SimulatedShapes
 from labctl.doubles.sheet import Ladder, Relaxation, RelaxingSheet
 from labctl.errors import BadInput
 from sim.equilibrium import equilibrium
+from sim.fiber_voxels import Fiber as SimFiber
+from sim.fiber_voxels import build_sheet
 from sim.geometry import PUBLISHED, column_at
 from sim.heights import material_points, resting_offset_m
 from sim.materials import Materials
 from sim.registration import register
-from sim.sheet import Fiber as SimFiber
-from sim.sheet import build_sheet
 
 RATED = 0.17
 

@@ -6,8 +6,8 @@ from evolve_doubles import fiber
 from evolve.constraints import Constraints
 from evolve.errors import EvolveError
 from evolve.grid import grid_points, inside, longest_fiber_m, pairs_apart
+from sim.fiber_voxels import line_cells
 from sim.geometry import CENTRED, PUBLISHED
-from sim.raster import line_cells
 
 ONE = Constraints(PUBLISHED, 1)
 

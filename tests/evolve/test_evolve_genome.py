@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evolve.genome import FiberGene
-from sim.raster import line_cells
+from sim.fiber_voxels import line_cells
 
 points = st.tuples(st.integers(0, 27), st.integers(0, 27))
 

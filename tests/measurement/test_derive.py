@@ -7,7 +7,7 @@ import pytest
 
 from labctl.measurement.derive import derive
 from labctl.measurement.windows import Window
-from labctl.mocap.transfer import transfer_error
+from labctl.mocap.transfer_error import transfer_error
 from labctl.plain_json import to_json
 
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from labctl.mocap.frame import fit_sheet_frame
 from labctl.mocap.heights import heights_mm, inflation_heights_mm
+from labctl.mocap.sheet_frame import fit_sheet_frame
 from labctl.mocap.window import average
 
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from labctl.errors import InstrumentError
 from labctl.mocap.errors import NoFrames
-from labctl.mocap.frames import concatenate
+from labctl.mocap.marker_frames import concatenate
 from labctl.mocap.window import average
 
 

@@ -12,7 +12,7 @@ from labctl.doubles.settings import DoublesSettings
 from labctl.errors import InstrumentError, Unsafe
 from labctl.instruments.readings import MarkerFrames
 from labctl.measurement.windows import Window
-from labctl.mocap.frames import concatenate
+from labctl.mocap.marker_frames import concatenate
 from labctl.session.contract import Bench
 from protocols.steps import (
     capture_baseline,

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from labctl.report.sheet.drawing import sheet_drawing
-from sim.sheet import FaceElement, build_sheet
+from sim.fiber_voxels import build_sheet
+from sim.sheet import FaceElement
 
 
 def test_the_height_map_is_over_columns_i_then_j(slanted):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labctl.instruments.readings import MarkerFrames
-from labctl.mocap.frames import concatenate, select_frames
+from labctl.mocap.marker_frames import concatenate, select_frames
 from labctl.rig import Rig
 from labctl.stop import OperatorStop
 

@@ -8,9 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.dynamic import dynamic
+from sim.fiber_voxels import Fiber
 from sim.geometry import PUBLISHED, columns
 from sim.shape import Shape
-from sim.sheet import Face, Fiber, Sheet
+from sim.sheet import Face, Sheet
 
 ROOT = Path(__file__).parents[2]
 GOLDEN = ("flat", "cylinder_known", "sphere_known", "random0_first", "random0_second")

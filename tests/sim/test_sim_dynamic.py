@@ -5,13 +5,14 @@ from oracle.dynamic import dynamic as oracle_dynamic
 from sim import dynamic as module
 from sim.dynamic import dynamic, move_voxels
 from sim.errors import SimError
+from sim.fiber_voxels import Fiber, build_sheet
 from sim.geometry import CENTRED, PUBLISHED
 from sim.inflation import PUBLISHED_PROTOCOL, RampAndHold, Sine
 from sim.lattice import MAX_MOVE, Lattice, plane, voxel_mass_kg
-from sim.layout import DYNAMIC_SIZE, MOVE, PLANE, TURN
 from sim.materials import Materials
+from sim.memory_layout import DYNAMIC_SIZE, MOVE, PLANE, TURN
 from sim.shape import Failure, Shape
-from sim.sheet import Fiber, Sheet, build_sheet, rest_positions_m
+from sim.sheet import Sheet, rest_positions_m
 from sim.solver import Dynamic
 
 

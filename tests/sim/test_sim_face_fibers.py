@@ -11,16 +11,17 @@ from sim.dynamic import dynamic
 from sim.equilibrium import equilibrium
 from sim.errors import SimError
 from sim.face_fibers import pull_fibers
+from sim.fiber_voxels import Fiber, build_sheet
 from sim.geometry import CENTRED, PITCH_M, PUBLISHED
 from sim.heights import height_field_m
 from sim.inflation import RampAndHold
 from sim.lattice import Lattice, plane
 from sim.law import constants
-from sim.layout import EQUILIBRIUM_SIZE, FIBER_LOADS, PLANE
 from sim.materials import MEASURED_JAMMING, PASSIVE, Materials
+from sim.memory_layout import EQUILIBRIUM_SIZE, FIBER_LOADS, PLANE
 from sim.registration import register
 from sim.shape import Shape
-from sim.sheet import FaceElement, Fiber, Sheet, build_sheet, rest_positions_m
+from sim.sheet import FaceElement, Sheet, rest_positions_m
 
 STRAIN = 0.15
 

@@ -3,10 +3,11 @@ import pytest
 
 from sim.equilibrium import equilibrium
 from sim.errors import SimError
+from sim.fiber_voxels import Fiber, build_sheet
 from sim.geometry import CENTRED, PUBLISHED, columns
 from sim.heights import height_field_m, heights_m, material_points, resting_offset_m
 from sim.registration import register
-from sim.sheet import Fiber, build_sheet, rest_positions_m
+from sim.sheet import rest_positions_m
 
 MM = 1e-3
 SURFACES = ("top", "bottom", "mid")

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sim.fiber_voxels import build_sheet
 from sim.hexahedra import hexahedra
 from sim.materials import EXPANDING, PASSIVE
-from sim.sheet import Sheet, build_sheet, rest_positions_m
+from sim.sheet import Sheet, rest_positions_m
 
 UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from sim.geometry import PITCH_M
 from sim.lattice import Lattice, plane
 from sim.law import arctangent_series, constants
-from sim.layout import DYNAMIC_SIZE, FOLDED, MOVE, PLANE, REGIME, TURN, VELOCITY, X, Y, Z
 from sim.materials import Materials
+from sim.memory_layout import DYNAMIC_SIZE, FOLDED, MOVE, PLANE, REGIME, TURN, VELOCITY, X, Y, Z
 from sim.pull import load_on, pull
 from sim.quaternion import matrix, product, rotate, rotation_vector, turned
 from sim.sheet import Sheet

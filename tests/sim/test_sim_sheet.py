@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from sim.errors import SimError
+from sim.fiber_voxels import Fiber, build_sheet
 from sim.geometry import CENTRED
 from sim.materials import BOUNDS, EMPTY, EXPANDING, JAMMED, PASSIVE, UNJAMMED, Materials
-from sim.sheet import Fiber, Sheet, build_sheet, rest_positions_m
+from sim.sheet import Sheet, rest_positions_m
 
 ALONG_X = Fiber("top", (0.020, 0.070), (0.120, 0.070))
 ALONG_Y = Fiber("top", (0.070, 0.020), (0.070, 0.120))

@@ -10,9 +10,9 @@ from labctl.simulation.sheets import (
     voxel_input,
 )
 from labctl.simulation.voxel_files import VoxelFile
+from sim.fiber_voxels import build_sheet
 from sim.geometry import CENTRED, PUBLISHED
 from sim.materials import JAMMED, Materials
-from sim.sheet import build_sheet
 from sim.solver import DEFAULT_STRAIN
 
 

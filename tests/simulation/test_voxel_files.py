@@ -5,9 +5,9 @@ import pytest
 
 from labctl.errors import BadInput
 from labctl.simulation.voxel_files import PROPERTIES, read_voxels
+from sim.fiber_voxels import build_sheet
 from sim.geometry import CENTRED, PUBLISHED
 from sim.materials import Materials
-from sim.sheet import build_sheet
 
 MATERIAL = build_sheet([], []).material
 

@@ -6,10 +6,11 @@ import pytest
 from labctl.errors import BadInput
 from labctl.simulation.targets.parse_target import parse_target
 from labctl.simulation.targets.target_error import target_error
+from sim.fiber_voxels import build_sheet
 from sim.geometry import CENTRED, PUBLISHED
 from sim.heights import height_field_m
 from sim.score import PRESETS
-from sim.sheet import build_sheet, rest_positions_m
+from sim.sheet import rest_positions_m
 
 
 def compared(words, sheet, positions_m, surface="top", geometry=PUBLISHED, **scoring):

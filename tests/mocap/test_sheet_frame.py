@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from labctl.mocap.errors import FrameRefused
-from labctl.mocap.frame import fit_sheet_frame
+from labctl.mocap.sheet_frame import fit_sheet_frame
 
 PUBLISHED = Path(__file__).parents[3] / "shared/reference/published/calibration_cylinder_16_points.csv"
 # Not symmetric in any way, so every confusion of markers shows.

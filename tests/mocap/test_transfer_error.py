@@ -6,7 +6,7 @@ from hypothesis.extra import numpy as hnp
 
 from labctl.errors import InstrumentError
 from labctl.mocap.errors import TooFewPoints
-from labctl.mocap.transfer import transfer_error
+from labctl.mocap.transfer_error import transfer_error
 
 
 def test_equation_2_by_hand():

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labctl.instruments.readings import MarkerFrames
-from labctl.mocap.frames import between, concatenate, select_frames
+from labctl.mocap.marker_frames import between, concatenate, select_frames
 
 
 def numbered(counts, first=0):

@@ -3,7 +3,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.raster import line_cells
+from sim.fiber_voxels import line_cells
 
 cells = st.tuples(st.integers(0, 27), st.integers(0, 27))
 
