@@ -104,12 +104,13 @@ class KillsOnce(FormulaProblem):
 
 @dataclass(frozen=True, eq=False)
 class Slow(FormulaProblem):
-    """AllowedCounts `seconds` for a map, and leaves the number of its process in `folder`."""
+    """Takes `seconds` for a map; in `folder` a worker's process number names a file of a byte for each map."""
 
     seconds: float = 0.1
     folder: str = ""
 
     def score(self, voxel_map: VoxelMap) -> MapScore:
-        Path(self.folder, str(os.getpid())).touch()
+        with Path(self.folder, str(os.getpid())).open("a") as file:
+            file.write(".")
         time.sleep(self.seconds)
         return super().score(voxel_map)

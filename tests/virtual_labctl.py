@@ -1,20 +1,23 @@
-"""`labctl` in the test's own process, against a rig of doubles in virtual time."""
+"""`labctl` in the test's own process: alone, or against a rig of doubles in virtual time."""
 
 import contextlib
 import io
 import os
 import signal
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
+from unittest.mock import patch
 
 from virtual_rig import VirtualRig
 
 from labctl.cli.main import run
-from labctl.cli.output import ProgressLine
 from labctl.config.load import load_design
+from labctl.doubles.in_process import REGULATOR_PORT
 from labctl.doubles.settings import DoublesSettings
 from labctl.doubles.simulated_rig import simulated_shapes
 from labctl.doubles.trace import row_of
+from labctl.links.deadline import Deadline
+from labctl.rig.platform import SYSTEM
 
 
 @cache
@@ -42,8 +45,34 @@ class Ended:
     err: str
 
 
+def labctl_here(*arguments, platform=SYSTEM):
+    """Run a command to its end in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = run([str(argument) for argument in arguments], platform)
+    return Ended(code, out.getvalue(), err.getvalue())
+
+
+class _AtOnce:
+    """Stands in for `NonBlockingOutput`: a thread of the machine's would come when the machine has time."""
+
+    def __init__(self, write_out, heard):
+        self._write_out, self._heard = write_out, heard
+
+    def write(self, text):
+        with contextlib.suppress(Exception):
+            self._write_out(text)
+        self._heard(text)
+
+    def finish(self):
+        pass
+
+
 class VirtualLabctl:
-    """A rig, the file `rig` that names it, and commands on it; `at` does something when a command shows a step."""
+    """A rig, the file `rig` that names it, and commands on it, one after the other.
+
+    `faults` and `settings` are those of the doubles; `change` may rewrite the rig.toml.
+    """
 
     def __init__(self, folder, *faults, change=lambda text: text, **settings):
         self.virtual = VirtualRig(
@@ -52,7 +81,7 @@ class VirtualLabctl:
         self.rig = folder / "virtual-rig.toml"
         self.rig.write_text(self.virtual.text)
         self._deeds = []
-        self.highest_psi = 0.0
+        self._failed = []
 
     @property
     def time(self):
@@ -62,39 +91,77 @@ class VirtualLabctl:
     def plant(self):
         return self.virtual.plant
 
-    def at(self, step, deed):
-        """When a command next shows a step with these words, do this, once."""
-        self._deeds.append((step, deed))
+    def at(self, words, deed):
+        """When the next command shows these words, do this, once."""
+        self._deeds.append((words, deed))
+
+    def when(self, condition, deed):
+        """As soon as `condition` holds, do this, once."""
+
+        def watch():
+            while not condition():
+                self.time.sleep(0.01)
+            self._do(deed)
+
+        self.time.start_thread(watch, "the test")
+
+    def after(self, seconds, deed):
+        """So many seconds from now, do this, once."""
+        until_s = self.time.now_s() + seconds
+        self.when(lambda: self.time.now_s() >= until_s, deed)
 
     def press_ctrl_c(self, number=signal.SIGINT):
+        assert callable(signal.getsignal(number)), "the signal would end the test"
         os.kill(os.getpid(), number)
 
     def __call__(self, *arguments):
-        """Run a command to its end; a command that works on a rig works on this one."""
-        out, err = io.StringIO(), io.StringIO()
-        show = ProgressLine.show
+        """Run a command to its end, and let its guard come to its own."""
+        output = partial(_AtOnce, heard=self._hear)
+        with (
+            patch("labctl.cli.output.NonBlockingOutput", output),
+            patch("labctl.cli.run.text.NonBlockingOutput", output),
+        ):
+            ended = labctl_here(*arguments, platform=self.virtual.platform)
+        for guard in self.virtual.guards:
+            assert guard.ended(60), "the guard still waits for a program that is gone"
+            ended.err += "".join(f"guard: {note}\n" for note in guard.notes)
+        self.virtual.guards.clear()
+        if self._failed:
+            raise self._failed.pop()
+        assert not self._deeds, f"never shown: {[words for words, _ in self._deeds]}; shown:\n{ended.err}"
+        return ended
 
-        def shown(line, step, detail=""):
-            show(line, step, detail)
-            for deed in [each for each in self._deeds if each[0] in f"{step} {detail}"]:
-                self._deeds.remove(deed)
-                deed[1]()
-
-        ProgressLine.show = shown
-        try:
-            with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-                code = run([str(argument) for argument in arguments], self.virtual.platform)
-        finally:
-            ProgressLine.show = show
-        # A guard that was left to vent does so now.
-        self.time.sleep(30)
-        notes = [f"guard: {note}" for guard in self.virtual.guards for note in guard.notes]
-        return Ended(code, out.getvalue(), "\n".join([err.getvalue(), *notes]))
+    def leave_energised(self):
+        """Somebody sets 2 psi over the wire, and goes."""
+        wire = self.virtual.doubles.wires.open_serial(REGULATOR_PORT, 19200, "somebody's")
+        wire.write(b"AS2.00\r", Deadline(self.time, 1.0))
+        wire.read_some(100, Deadline(self.time, 1.0))
+        self.time.sleep(10)
+        wire.close()
+        assert self.plant.state().pressure_psi > 1.5
 
     def last(self):
         """The plant's truth now, as a line of its trace."""
         return row_of(self.plant.state(), 0.0)
 
+    def assert_untouched(self):
+        """The instruments are as they were switched on: the exhaust was not even opened."""
+        state = self.plant.state()
+        assert (state.setpoint_psi, state.exhausting, state.coils) == (0, False, frozenset())
+        assert self.plant.highest_psi == 0
+
     def close(self):
         self.virtual.close()
         assert self.time.failures == []
+
+    def _hear(self, text):
+        for words, deed in [each for each in self._deeds if each[0] in text]:
+            self._deeds.remove((words, deed))
+            self._do(deed)
+
+    def _do(self, deed):
+        """What the deed finds wrong is the test's to hear, not the command's."""
+        try:
+            deed()
+        except AssertionError as error:
+            self._failed.append(error)

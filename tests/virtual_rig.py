@@ -31,6 +31,10 @@ class VirtualGuard:
     def wait_armed(self):
         pass
 
+    def ended(self, within_s):
+        """Whether it has ended, given so long."""
+        return self._thread.join(within_s)
+
     def alive(self):
         return self._thread.is_alive() and not self.killed
 

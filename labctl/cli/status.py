@@ -1,5 +1,6 @@
 """`labctl status`: what the instruments read now; nothing is written to them."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
@@ -23,11 +24,14 @@ def status(rig_path: Path | None, as_json: bool) -> None:
     with stop_on_signals() as stop, chosen_rig(rig_path, "known", stop) as config:
         platform = Outcome.current().platform
         try:
-            regulator = open_regulator(config.regulator, config.limits, platform.scheduler, platform.wires)
-            valves = open_valves(config.valves, platform.scheduler, platform.wires)
-            reading, channels_on = regulator.read(), valves.read()
-            regulator.close()
-            valves.close()
+            with ExitStack() as opened:
+                regulator = open_regulator(
+                    config.regulator, config.limits, platform.scheduler, platform.wires
+                )
+                opened.callback(regulator.close)
+                valves = open_valves(config.valves, platform.scheduler, platform.wires)
+                opened.callback(valves.close)
+                reading, channels_on = regulator.read(), valves.read()
         except InstrumentError as error:
             raise RigUnavailable(f"{error} ({config.source})") from error
     report = judge(reading, channels_on, config.limits, config.valves.dump_channel)

@@ -7,6 +7,9 @@ from importlib import resources
 import pytest
 
 from labctl.cli.main import run
+from labctl.config.load import load_design
+from labctl.doubles.rig_file import rig_toml
+from labctl.doubles.settings import DoublesSettings
 
 KNOWN = (resources.files("labctl") / "designs" / "known.toml").read_text()
 
@@ -24,6 +27,15 @@ def refused(capsys):
         return shown.err
 
     return check
+
+
+@pytest.fixture
+def rig(tmp_path):
+    """A rig.toml at whose ports nobody answers."""
+    path = tmp_path / "rig.toml"
+    settings = DoublesSettings(load_design("known"))
+    path.write_text(rig_toml(settings, "/dev/ttyNOSUCH0", "/dev/ttyNOSUCH1", "127.0.0.1", 0))
+    return path
 
 
 @pytest.fixture
@@ -59,18 +71,18 @@ def test_two_fibers_on_one_channel_are_named(refused, design_file):
 
 
 @pytest.mark.parametrize("pressure", ["-1 psi", "-0.1", "nan", "inf", "0 psi", "lots", "3.9 mm", ""])
-def test_pressures_that_are_none(refused, served, pressure):
-    refused("inflate", "--pattern", "sphere", "--rig", served.rig, f"--pressure={pressure}")
+def test_pressures_that_are_none(refused, rig, pressure):
+    refused("inflate", "--pattern", "sphere", "--rig", rig, f"--pressure={pressure}")
 
 
-def test_pressure_above_the_limit_names_the_limit_and_where_it_stands(refused, served):
-    message = refused("inflate", "--pattern", "sphere", "--rig", served.rig, "--pressure", "4.6 psi")
+def test_pressure_above_the_limit_names_the_limit_and_where_it_stands(refused, rig):
+    message = refused("inflate", "--pattern", "sphere", "--rig", rig, "--pressure", "4.6 psi")
     assert "4.6 psi is above the rig's limit of 4 psi" in message
     assert "limits.max_pressure" in message
 
 
-def test_pressures_may_carry_other_units(refused, served):
-    assert "4.35" in refused("inflate", "--pattern", "sphere", "--rig", served.rig, "--pressure", "30 kPa")
+def test_pressures_may_carry_other_units(refused, rig):
+    assert "4.35" in refused("inflate", "--pattern", "sphere", "--rig", rig, "--pressure", "30 kPa")
 
 
 def test_malformed_toml_names_file_and_line(refused, tmp_path):
@@ -83,33 +95,30 @@ def test_rig_file_that_is_not_there(refused):
     assert "no such file" in refused("inflate", "--pattern", "sphere", "--rig", "nowhere.toml")
 
 
-def test_port_that_does_not_exist(refused, served, tmp_path):
-    text = served.rig.read_text()
-    path = tmp_path / "rig.toml"
-    port = next(line for line in text.splitlines() if line.startswith("port = "))
-    path.write_text(text.replace(port, 'port = "/dev/ttyNOSUCH"', 1))
-    message = refused("inflate", "--pattern", "sphere", "--rig", path)
-    assert "/dev/ttyNOSUCH" in message
+def test_port_that_does_not_exist(refused, rig):
+    message = refused("inflate", "--pattern", "sphere", "--rig", rig)
+    assert "/dev/ttyNOSUCH0" in message
     assert "Nothing was energised" in message
 
 
-def test_pattern_that_needs_more_valves_than_the_rig_has(refused, served, tmp_path, design_file):
-    rig = tmp_path / "rig.toml"
-    rig.write_text(served.rig.read_text().replace("channels = 32", "channels = 8"))
+def test_pattern_that_needs_more_valves_than_the_rig_has(refused, rig, design_file):
+    rig.write_text(rig.read_text().replace("channels = 32", "channels = 8"))
     design = design_file("channel = 6", "channel = 9")
     assert "y105" in refused("inflate", "--pattern", "sphere", "--rig", rig, "--design", design)
 
 
 @pytest.mark.parametrize("instrument", ["regulator", "valves", "markers"])
 @pytest.mark.parametrize("fault", ["garbage", "silent"])
-def test_instrument_that_answers_garbage_or_never(labctl, doubles_with, instrument, fault):
-    with doubles_with("--fault", f"{instrument}={fault}") as served:
-        done = labctl("inflate", "--pattern", "sphere", "--rig", served.rig, "--json")
+def test_instrument_that_answers_garbage_or_never(lab_with, instrument, fault):
+    lab = lab_with(f"{instrument}={fault}")
+    done = lab("inflate", "--pattern", "sphere", "--rig", lab.rig, "--json")
 
-        assert done.code == 2, done.err
-        assert "Nothing was energised" in json.loads(done.out)["error"]
-        assert "Traceback" not in done.err
-        assert not any(row["coils"] or row["setpoint_psi"] for row in served.rows())
+    assert done.code == 2, done.err
+    assert "Nothing was energised" in json.loads(done.out)["error"]
+    assert "Traceback" not in done.err
+    assert lab.plant.highest_psi == 0
+    assert not lab.last()["coils"]
+    assert not lab.last()["setpoint_psi"]
 
 
 def test_measured_table_with_a_missing_point(refused, tmp_path):

@@ -4,6 +4,7 @@ import time
 
 import pytest
 from distributed import LocalCluster
+from labctl_process import wait_until
 
 from evolve.run_folder import RunFolder
 from labctl.cli.main import run
@@ -147,14 +148,13 @@ def test_show_scores_the_published_way_too(searched, capsys):
         )
 
 
+# It must still search when it is killed.
+@pytest.mark.real_time
 @pytest.mark.parametrize("after", [0.0, 0.3])
 def test_a_killed_search_ends_as_if_nothing_had_been(searched, start, tmp_path, capsys, after):
     folder, _ = searched
     running = start("evolve", *SEARCH, "--out", tmp_path / "b", "--workers", 2)
-    end_s = time.monotonic() + 40
-    while not (tmp_path / "b" / "checkpoint.json").exists():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
+    wait_until((tmp_path / "b" / "checkpoint.json").exists)
     time.sleep(after)
     running.signal(9)
     running.end()
@@ -184,6 +184,8 @@ def test_ctrl_c_keeps_the_generations(start, tmp_path):
     assert RunFolder(tmp_path / "c").checkpoint().state.generation >= 0
 
 
+# The second signal must find the workers starting.
+@pytest.mark.real_time
 def test_more_ctrl_c_while_the_workers_end_adds_nothing(start, tmp_path):
     running = start("evolve", *SEARCH, "--out", tmp_path / "c", "--workers", 2)
     running.wait_for("random layouts first")
@@ -202,6 +204,8 @@ def test_more_ctrl_c_while_the_workers_end_adds_nothing(start, tmp_path):
     assert "Traceback" not in running.err
 
 
+# The signal must come before the page is drawn and the program gone.
+@pytest.mark.real_time
 def test_ctrl_c_after_the_last_generation_keeps_the_run(start, tmp_path):
     once = ("--targets", "saddle:20mm", "--population", "2", "--generations", "1", "--workers", "1")
     running = start("evolve", *once, "--out", tmp_path / "c")

@@ -1,3 +1,4 @@
+import threading
 import time
 
 import numpy as np
@@ -16,6 +17,7 @@ from sim.geometry import PUBLISHED, column_at
 from sim.heights import material_points, resting_offset_m
 from sim.materials import Materials
 from sim.registration import register
+from sim.solver import Equilibrium
 
 RATED = 0.17
 
@@ -125,18 +127,31 @@ def test_uninflated_sheet_lies_flat_on_the_table(prepared):
 
 
 def ladder_in_time(shapes, jammed):
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 300
     while (ladder := shapes.ladder(jammed)) is None and time.monotonic() < deadline:
         time.sleep(0.02)
     assert ladder is not None
     return ladder
 
 
-def test_jam_state_passed_through_is_given_up_for_the_one_that_stays(lopsided):
+def test_jam_state_passed_through_is_given_up_for_the_one_that_stays(lopsided, monkeypatch):
+    begun, other_wanted = threading.Event(), threading.Event()
+
+    class Waits(Equilibrium):
+        """Solves no rung before another state is wanted."""
+
+        def solve(self, *arguments):
+            begun.set()
+            assert other_wanted.wait(300)
+            return super().solve(*arguments)
+
+    monkeypatch.setattr("labctl.doubles.shapes.Equilibrium", Waits)
     shapes = SimulatedShapes(lopsided, NO_GAP, DEFAULT_POINTS)
     try:
         assert shapes.ladder(frozenset("a")) is None
-        time.sleep(0.05)  # long enough for its making to begin
+        assert begun.wait(300)
+        assert shapes.ladder(frozenset("ab")) is None
+        other_wanted.set()
         ladder_in_time(shapes, frozenset("ab"))
         assert shapes.ladder(frozenset("a")) is None
     finally:

@@ -17,7 +17,7 @@ from labctl.ledger.writer import LedgerWriter
 
 with LedgerWriter.open(Path(sys.argv[1]), lambda text: None):
     print("holding", flush=True)
-    time.sleep(60)
+    time.sleep(3600)
 """
 
 
@@ -75,7 +75,7 @@ def test_the_lock_of_a_dead_process_does_not_count(tmp_path, other):
 
 def test_a_child_process_does_not_keep_the_lock(tmp_path):
     with LedgerWriter.open(tmp_path, no_notice):
-        child = subprocess.Popen(["sleep", "60"], close_fds=False)
+        child = subprocess.Popen(["sleep", "3600"], close_fds=False)
     try:
         LedgerWriter.open(tmp_path, no_notice).close()
     finally:
