@@ -30,7 +30,7 @@ class Solver(Protocol):
     """
 
     @property
-    def at_rest(self) -> bool: ...  # noqa: D102 - said above
+    def at_rest(self) -> bool: ...  # noqa: D102 - described above
 
     def solve(
         self, sheets: Sequence[Sheet], starts: Sequence[Shape | None] | None = None

@@ -1,1 +1,1 @@
-"""The evolution in the laboratory's words: from targets and a sheet to settings, from a run to a design."""
+"""From targets and a sheet to the settings of a search, from a run of it to a design file."""

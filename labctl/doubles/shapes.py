@@ -31,7 +31,7 @@ class SimulatedShapes:
     Rungs are `RUNGS` of the design's rated strain, each equilibrium starting from the one below. The sheet
     lies on a table: it is raised until its lowest voxels touch it. `prepare` makes ladders at once; a
     ladder asked for later is made on a thread of its own, the most recently asked for alone: one that is
-    no longer wanted is given up. A jam state that does not settle has no ladder, ever; `failures` says why.
+    no longer wanted is given up. A jam state that does not settle has no ladder, ever; `failures` has the reason.
 
     Raises:
         BadInput: a fiber that the simulator cannot place.

@@ -27,7 +27,7 @@ class InflationFit:
     simulated sheet is set: neither the real sheet's support nor its thickness, which pillars hold, is the
     simulator's (docs/decisions/0004). `mean_height_error_mm` is the mean over the points of |measured -
     simulated| height above the uninflated sheet, `transfer_error_percent` the paper's equation 2 on the same
-    heights. `at_end` tells that the best strain is the largest that is simulated.
+    heights. `at_end` is true where the best strain is the largest that is simulated.
     """
 
     pressure_psi: float

@@ -33,7 +33,7 @@ def write_shape(path: Path, simulated: SimulatedSheet) -> None:
 def _write_npz(path: Path, simulated: SimulatedSheet) -> None:
     given, shape = simulated.input, simulated.shape
     sheet = given.sheet
-    said: dict[str, Any] = {
+    arrays: dict[str, Any] = {
         "positions_m": shape.positions_m,
         "orientations": shape.orientations,
         "voxels": sheet.voxels(),
@@ -46,7 +46,7 @@ def _write_npz(path: Path, simulated: SimulatedSheet) -> None:
         "strain": simulated.held_strain,
         "steps": shape.steps,
     }
-    np.savez_compressed(path, **{key: value for key, value in said.items() if value is not None})
+    np.savez_compressed(path, **{key: value for key, value in arrays.items() if value is not None})
 
 
 def _write_vtu(path: Path, simulated: SimulatedSheet) -> None:

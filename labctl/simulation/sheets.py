@@ -25,7 +25,7 @@ _BELOW_TOP_FACE_M = -2.5 * PITCH_M
 class SimulationInput:
     """A sheet to simulate.
 
-    `geometry` says where its columns lie in the sheet frame; `known_geometry` is False for a voxel file whose columns
+    `geometry` is where its columns lie in the sheet frame; `known_geometry` is False for a voxel file whose columns
     are those of no geometry. `strain`: the one to hold, `pressure_psi`: the gauge pressure that it stands for, if
     it was given as one. `fibers` with whether each is jammed; none for a voxel file.
     """

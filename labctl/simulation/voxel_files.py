@@ -1,4 +1,4 @@
-"""Voxel files: an .npz with a map of materials and, if it says so, their physics."""
+"""Voxel files: an .npz with a map of materials and, where it holds them, their physics."""
 
 import re
 import zipfile

@@ -75,7 +75,7 @@ def parse_formula(text: str) -> Formula:
         raise BadInput(f"the equation has {len(text)} characters, the limit is {LONGEST}: shorten it")
     try:
         with warnings.catch_warnings():
-            # Of an odd literal Python says what the check below says better.
+            # Python warns of an odd literal; the check below has the better message.
             warnings.simplefilter("ignore")
             tree = ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError) as error:

@@ -96,7 +96,7 @@ def _mask(indices: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _of_another_geometry(there: NDArray[np.bool_], geometry: Geometry) -> str:
-    """What else there is to say where a table holds another geometry's columns."""
+    """A hint where a table holds another geometry's columns."""
     try:
         other = geometry_of(there)
     except SimError:
