@@ -7,7 +7,7 @@ from sim.equilibrium import equilibrium
 from sim.errors import SimError
 from sim.inflation import RampAndHold
 from sim.shape import Failure, Shape
-from sim.solver import DEFAULT_STRAIN, Dynamic, Equilibrium, Solver
+from sim.solver import DEFAULT_STRAIN, Dynamic, Equilibrium, Solver, make_solver
 
 
 def test_every_sheet_gets_its_shape_in_order(voxel_pair):
@@ -25,6 +25,13 @@ def test_the_solvers_are_the_functions_of_their_names(voxel_pair):
     (at_rest,), (moving,) = Equilibrium().solve([sheet]), Dynamic(inflation).solve([sheet])
     np.testing.assert_array_equal(at_rest.positions_m, equilibrium(sheet, DEFAULT_STRAIN).positions_m)
     np.testing.assert_array_equal(moving.positions_m, dynamic(sheet, inflation).positions_m)
+
+
+def test_a_solver_is_made_by_its_name():
+    assert make_solver("dynamic", 0.1, "float64", 2) == Dynamic(precision="float64", workers=2)
+    assert make_solver("equilibrium", 0.1, "float64", 2) == Equilibrium(0.1, "float64", 2)
+    assert make_solver("equilibrium") == Equilibrium()
+    assert (Equilibrium().at_rest, Dynamic().at_rest) == (True, False)
 
 
 def test_one_sheet_that_fails_does_not_touch_the_others(voxel_pair, load_golden, monkeypatch):

@@ -40,6 +40,11 @@ def test_a_voxel_file_is_held_at_the_strain_asked_for_or_its_own(of_file, asked,
     assert voxel_input(file, asked).strain == held
 
 
+def test_a_voxel_file_of_a_known_geometry_lies_as_that_one():
+    given = voxel_input(VoxelFile("slab.npz", build_sheet([], [], CENTRED), None, CENTRED, ()))
+    assert (given.geometry, given.known_geometry) == (CENTRED, True)
+
+
 def test_a_voxel_file_of_no_known_geometry_lies_as_if_published():
     given = voxel_input(VoxelFile("slab.npz", build_sheet([], []), None, None, ()))
     assert (given.geometry, given.known_geometry) == (PUBLISHED, False)
