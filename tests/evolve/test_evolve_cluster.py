@@ -190,6 +190,8 @@ def test_what_is_no_address_is_refused(address):
         Cluster(Cheap(), address).__enter__()
 
 
+# It must have answered within that second.
+@pytest.mark.real_time
 def test_a_scheduler_without_workers_is_refused(capfd):
     with local(n_workers=0) as empty:
         pool = Cluster(Cheap(), empty.scheduler_address, connect_s=1.0)
