@@ -202,3 +202,13 @@ def test_a_pressure_on_the_edge_of_its_band_has_settled(rig_with, monkeypatch, r
         else:
             with pytest.raises(InstrumentError, match="did not stay within"):
                 rig.settle(4.1, lambda _: None)
+
+
+def test_closing_gives_every_link_back_once_safe_was_read(rig_with):
+    virtual = rig_with()
+    with open_rig(virtual) as rig:
+        pressurise(rig)
+    assert rig.safe_report.safe
+
+    with open_rig(virtual) as again:
+        assert again.identities == rig.identities

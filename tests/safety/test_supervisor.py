@@ -174,6 +174,17 @@ def test_safe_is_reported_to_the_guard_and_what_was_energised_before_it(supervis
     assert supervisor.safe_report.safe
 
 
+def test_after_safe_the_exhaust_must_stay_open_and_every_valve_off(supervisor, regulator, valves):
+    assert supervisor.make_safe().safe
+    assert supervisor.poll(with_valves=True) is None
+
+    valves.on = frozenset({2})
+    assert "valves read back 2 on, none were switched on" in supervisor.poll(with_valves=True)
+    valves.on = frozenset()
+    regulator.exhausting = False
+    assert "exhaust reads back closed" in supervisor.poll(with_valves=True)
+
+
 def test_readings_on_the_way_to_safe_are_observed_too(supervisor, clock):
     seen = []
     with supervisor.observing(seen.append):
