@@ -200,7 +200,9 @@ class TcpWire(SerialWire):
         Raises:
             NoAnswer: fewer than `n` bytes came before the deadline.
         """
-        return bytes(self._take(n, self.peek(n, n, deadline)))
+        data = self.peek(n, n, deadline)
+        self.skip(n)
+        return data
 
     def peek(self, n: int, most: int, deadline: Deadline) -> bytes:
         """What has come, at least `n` and at most `most` bytes; all of it is there for the next read."""
@@ -219,10 +221,6 @@ class TcpWire(SerialWire):
     def abort(self) -> None:
         """Break the connection off."""
         self.close()
-
-    def _take(self, n: int, data: bytes) -> bytes:
-        self.skip(n)
-        return data
 
 
 class MarkerWire:
