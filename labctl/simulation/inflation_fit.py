@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 
 from labctl.config.design import Design
 from labctl.errors import BadInput
-from labctl.mocap.transfer_error import transfer_error
+from labctl.mocap.transfer_error import FEWEST_POINTS, transfer_error
 from labctl.simulation.measured_heights import MeasuredHeights
 from labctl.simulation.simulate import simulate_pattern
 from sim.shape import Shape
@@ -36,30 +36,40 @@ class InflationFit:
     mean_height_error_mm: float
     transfer_error_percent: float
     at_end: bool
+    points: int
+    unmeasured: tuple[int, ...]
 
 
 def fit_inflation(design: Design, pattern: str, measured: MeasuredHeights) -> tuple[InflationFit, ...]:
     """Fit strain and offset to each pressure's heights, by the smallest mean height error.
 
+    Points without a height at a pressure are left out there, on both sides.
+
     Raises:
-        BadInput: a point is not on the sheet, or the pattern is unknown.
+        BadInput: a point is not on the sheet, the pattern is unknown, or fewer than three points have a height.
         LabError: the simulation failed.
     """
-    for pressure_psi, heights_mm in zip(measured.pressures_psi, measured.heights_mm, strict=True):
+    for level, pressure_psi in enumerate(measured.pressures_psi):
+        heights_mm = _seen(measured.heights_mm[level])
+        if len(heights_mm) < FEWEST_POINTS:
+            raise BadInput(
+                f"{measured.source}: at {pressure_psi:g} psi {len(heights_mm)} of {measured.points} points have a "
+                f"height, and {FEWEST_POINTS} are the fewest that have a shape; leave that pressure out"
+            )
         if np.ptp(heights_mm) == 0:
             raise BadInput(
                 f"{measured.source}: at {pressure_psi:g} psi every point rose alike: no shape to compare; "
-                "leave that column out"
+                "leave that pressure out"
             )
     try:
         rungs_mm = _heights_over_strain(design, pattern, measured.points_mm)
     except BadInput as error:
         raise BadInput(f"{measured.source}: {error}") from error
-    simulated = CubicSpline(_STRAINS, rungs_mm)
-    return tuple(
-        _fit(pressure_psi, heights_mm, simulated)
-        for pressure_psi, heights_mm in zip(measured.pressures_psi, measured.heights_mm, strict=True)
-    )
+    return tuple(_fit(measured, level, rungs_mm) for level in range(len(measured.pressures_psi)))
+
+
+def _seen(heights_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    return heights_mm[np.isfinite(heights_mm)]
 
 
 def _heights_over_strain(design: Design, pattern: str, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -73,7 +83,10 @@ def _heights_over_strain(design: Design, pattern: str, points_mm: NDArray[np.flo
     return np.array(heights)
 
 
-def _fit(pressure_psi: float, measured_mm: NDArray[np.float64], simulated: CubicSpline) -> InflationFit:
+def _fit(measured: MeasuredHeights, level: int, rungs_mm: NDArray[np.float64]) -> InflationFit:
+    measured_mm = _seen(measured.heights_mm[level])
+    simulated = CubicSpline(_STRAINS, rungs_mm[:, np.isfinite(measured.heights_mm[level])])
+
     def offset_mm(strain: float) -> float:
         # The median is what makes a mean absolute difference smallest.
         return float(np.median(measured_mm - simulated(strain)))
@@ -86,10 +99,12 @@ def _fit(pressure_psi: float, measured_mm: NDArray[np.float64], simulated: Cubic
     low, high = _STRAINS[max(best - 1, 0)], _STRAINS[min(best + 1, len(_STRAINS) - 1)]
     strain = float(minimize_scalar(mean_error_mm, bounds=(low, high), method="bounded").x)
     return InflationFit(
-        pressure_psi=pressure_psi,
+        pressure_psi=measured.pressures_psi[level],
         strain=strain,
         offset_mm=offset_mm(strain),
         mean_height_error_mm=mean_error_mm(strain),
         transfer_error_percent=transfer_error(measured_mm, simulated(strain) + offset_mm(strain)).percent,
         at_end=strain > _STRAINS[-1] - _AT_END,
+        points=len(measured_mm),
+        unmeasured=measured.unmeasured(level),
     )

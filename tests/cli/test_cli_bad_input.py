@@ -125,7 +125,7 @@ def test_measured_table_with_a_missing_point(refused, tmp_path):
     path = tmp_path / "measured.csv"
     path.write_text("point,x_mm,y_mm,z_mm_at_0_psi,z_mm_at_3_psi\n1,35,70,0,1\n3,70,70,0,1\n")
     message = refused("compare", "--pattern", "sphere", "--measured", path, "--points", "3")
-    assert "point 2 missing" in message
+    assert "at 3 psi 2 of 3 points have a height" in message
 
 
 @pytest.mark.parametrize(

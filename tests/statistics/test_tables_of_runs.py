@@ -1,3 +1,4 @@
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -109,12 +110,13 @@ def test_the_calibration_table_is_one_that_compare_reads(run, make_trial, make_l
     assert read.heights_mm.tolist() == [[2, 4, 1, 0.125], [4.25, 8, 2, 1]]
 
 
-def test_a_point_that_nobody_saw_is_blank_and_compare_names_it(run, make_trial, make_level, tmp_path):
+def test_a_point_that_nobody_saw_is_blank_and_left_out(run, make_trial, make_level, tmp_path):
     path = tmp_path / "calibration.csv"
     trials = [make_trial(1, make_level(1.0, (4.0, None, 2.0, 1.0)))]
     calibration_table(run, trials).to_csv(path, index=False)
-    with pytest.raises(BadInput, match=r"point 2, z_mm_at_3\.9_psi: ''"):
-        read_measured(path, 4)
+    read = read_measured(path)
+    np.testing.assert_array_equal(read.heights_mm, [[4, np.nan, 2, 1]])
+    assert read.unmeasured(0) == (2,)
 
 
 def test_a_calibration_table_is_of_one_sheet_and_pattern(run, make_trial, make_level):

@@ -21,7 +21,7 @@ from sim.targets.target import Target, target_from_function
 SimulatePattern = Callable[[str], NDArray[np.float64]]
 
 _EQUATION = re.compile(r"z\s*=(?P<formula>.*)", re.DOTALL)
-_FILE = re.compile(r"(?P<path>.+\.csv)(?::(?P<column>[^/:]+))?", re.IGNORECASE | re.DOTALL)
+_FILE = re.compile(r"(?P<path>.+\.(?:csv|tsv|parquet))(?::(?P<column>[^/:]+))?", re.IGNORECASE | re.DOTALL)
 _ROUND: dict[str, Callable[[Geometry, float], Target]] = {
     "sphere-cap": sphere_cap,
     "cylinder-x": lambda geometry, radius_m: cylinder(geometry, "x", radius_m),

@@ -73,9 +73,9 @@ def test_one_of_several_columns_is_taken_by_name(csv_file):
         (lambda lines: [*lines, "-1,13,1"], "line 611: (-1, 13): no column"),
         (lambda lines: [*lines, "13.5,13,1"], "line 611: (13.5, 13): no column"),
         (lambda lines: [*lines, "13,99,1"], "line 611: (13, 99): no column"),
-        (lambda lines: [*lines[:-1], lines[-1].rpartition(",")[0] + ",nan"], "ramp_mm: line 610: 'nan'"),
+        (lambda lines: [*lines[:-1], lines[-1].rpartition(",")[0] + ",nan"], "line 610, ramp_mm: 'nan'"),
         (lambda lines: [*lines[:-1], lines[-1].rpartition(",")[0] + ",1e4"], "within 1000 of 0"),
-        (lambda lines: [lines[0] + ",5", *lines[1:]], "line 2: not as many cells as the head, which has 3"),
+        (lambda lines: [lines[0] + ",5", *lines[1:]], "line 2: not as many cells as the head has columns, 3"),
         (lambda lines: [lines[0], "", "1", *lines[1:]], "line 4: not as many cells"),
         (lambda lines: [], "line 1: nothing follows the head"),
     ],
@@ -92,10 +92,14 @@ def test_a_table_of_the_other_geometry_is_refused_and_says_whose_it_is(csv_file,
 
 
 @pytest.mark.parametrize(
-    "head", ["", "x,y,z", "i,j", "x_mm,y_mm", "i,j,z", "i,j,z_mm,z_mm", "i,j,x_mm,y_mm,z_mm", "i,y_mm,z_mm"]
+    "head", ["", "x,y,z", "i,j", "x_mm,y_mm", "i,j,z", "i,j,x_mm,y_mm,z_mm", "i,y_mm,z_mm"]
 )
 def test_another_head_is_refused(csv_file, head):
-    assert "line 1: the head is" in refused(csv_file(head, "1,2,3"))
+    assert ": the head is" in refused(csv_file(head, ",".join("1" * (head.count(",") + 1))))
+
+
+def test_a_column_that_is_there_twice_is_refused(csv_file):
+    assert "line 1: column 'z_mm' is there more than once" in refused(csv_file("i,j,z_mm,z_mm", "1,2,3,4"))
 
 
 def test_a_cloud_with_a_point_twice_names_both_lines(csv_file):
@@ -115,7 +119,7 @@ def test_what_is_no_csv_file_is_refused(tmp_path):
     (tmp_path / "folder.csv").mkdir()
     os.mkfifo(tmp_path / "pipe.csv")
     for name in ("folder.csv", "pipe.csv"):
-        assert refused(tmp_path / name) == ": is not a file; name a .csv"
+        assert refused(tmp_path / name) == ": is not a file; name a table (.csv, .tsv, .parquet)"
     (tmp_path / "bytes.csv").write_bytes(b"i,j,\xff\xfe_mm\n")
     assert "cannot be read as CSV" in refused(tmp_path / "bytes.csv")
 
