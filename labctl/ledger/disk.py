@@ -5,7 +5,7 @@ import os
 import shutil
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from labctl.errors import BadInput, LabError
@@ -25,6 +25,7 @@ _SQLITE_OUT_OF_REACH = {
     sqlite3.SQLITE_AUTH,
 }
 
+SQLITE = "ledger.sqlite"
 # Less than SQLite's write-ahead log and shared memory take to begin with.
 _ROOM = 64 * 1024
 
@@ -87,6 +88,38 @@ def _format_os_error(error: OSError) -> str:
     return f"{error.strerror or error}{named}. {_LEFT}"
 
 
+def is_locked(error: sqlite3.Error) -> bool:
+    """Whether SQLite's error means that another program has the file locked."""
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+
+
+def format_locked(path: Path) -> str:
+    """That another program has a file locked, which where the system shows it, and what to do."""
+    others = _others_with_open(path)
+    who = f"by {' or '.join(others)}" if others else "by another program (a database browser, a backup?)"
+    return f"{path} is locked {who}; close it there, or end its transaction"
+
+
+def _others_with_open(path: Path) -> list[str]:
+    """The other processes that have a file open, as the system shows them to this user: "NAME (process PID)"."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if process.name == str(os.getpid()):
+                continue
+            if any(_leads_to(descriptor, path) for descriptor in (process / "fd").iterdir()):
+                name = (process / "comm").read_text(errors="replace").strip()
+                found.append(f"{name} (process {process.name})")
+    return found
+
+
+def _leads_to(descriptor: Path, path: Path) -> bool:
+    try:
+        return descriptor.samefile(path)
+    except OSError:
+        return False
+
+
 def _free_bytes(folder: Path) -> int:
     try:
         return shutil.disk_usage(folder).free
@@ -99,6 +132,8 @@ def _format_sqlite_error(error: sqlite3.Error, folder: Path) -> str:
     # Where its shared memory finds no room SQLite reports "disk I/O error" only.
     if code == sqlite3.SQLITE_FULL or (code == sqlite3.SQLITE_IOERR and _free_bytes(folder) < _ROOM):
         return _DISK_FULL
+    if is_locked(error):
+        return f"{format_locked(folder / SQLITE)}. {_LEFT}"
     if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM):
         return f"{error}: {_NOT_PERMITTED}"
     return f"{error}. {_LEFT}"

@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from labctl.errors import BadInput
-from labctl.ledger.disk import check_is_folder, disk_errors
+from labctl.ledger.disk import SQLITE, check_is_folder, disk_errors
 from labctl.ledger.lock import Holder, holder_of
 from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
 from labctl.ledger.state import RunState, run_state
@@ -17,7 +17,6 @@ from labctl.ledger.store.journal import JOURNAL
 from labctl.ledger.store.record_text import parse_event, parse_run, parse_trial
 from labctl.ledger.store.recovery import format_problems
 from labctl.ledger.store.rows import Kind, Row
-from labctl.ledger.store.tables import SQLITE
 
 _RAW = "raw"
 _LOOKS = 5

@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Self
 
 from labctl.errors import BadInput, LabError
-from labctl.ledger.disk import check_is_folder, disk_errors, is_damage, make_folder
+from labctl.ledger.disk import SQLITE, check_is_folder, disk_errors, is_damage, make_folder
 from labctl.ledger.ledger import Ledger, numbers_on_disk
 from labctl.ledger.lock import LedgerLock
 from labctl.ledger.moment import Moment, Now, now, set_back_s
 from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
+from labctl.ledger.store.appender import PATIENCE_S, Appender
 from labctl.ledger.store.journal import JOURNAL, JournalWriter
 from labctl.ledger.store.mounts import refuse_network
 from labctl.ledger.store.record_text import Record
 from labctl.ledger.store.recovery import recover
 from labctl.ledger.store.rows import Row, row_of
-from labctl.ledger.store.tables import SQLITE, connect, insert
 
 _LARGEST = 1_000_000
 
@@ -30,7 +30,7 @@ class LedgerWriter(Ledger):
     Calls may come from any thread.
     """
 
-    def __init__(self, folder: Path, notify: Callable[[str], None], clock: Now) -> None:
+    def __init__(self, folder: Path, notify: Callable[[str], None], clock: Now, patience_s: float) -> None:
         """Take the lock and bring the files into agreement; `open` lists what is raised."""
         self._notify = notify
         self._clock = clock
@@ -42,15 +42,20 @@ class LedgerWriter(Ledger):
             rows = recover(folder, clock, notify)
             self._journal = JournalWriter(folder / JOURNAL)
             opened.callback(self._journal.close)
-            self._connection = connect(folder / SQLITE)
-            opened.callback(self._connection.close)
+            self._database = Appender(folder / SQLITE, notify, patience_s)
+            opened.callback(self._database.close)
             self._lock.begin_after(max((row.seq for row in rows), default=0))
             super().__init__(folder, rows, self._lock.holder)
             self._opened = opened.pop_all()
 
     @classmethod
-    def open(cls, folder: Path, notify: Callable[[str], None], clock: Now = now) -> Self:
+    def open(
+        cls, folder: Path, notify: Callable[[str], None], clock: Now = now, patience_s: float = PATIENCE_S
+    ) -> Self:
         """Open the ledger in a folder to write to it, and make it where there is none. What is repaired is reported.
+
+        A row that another program's lock on the database keeps out for longer than `patience_s` is committed to the
+        journal alone, and put in later; so no trial that was measured is lost for a lock.
 
         Raises:
             BadInput: another process writes to it; the folder cannot be written, is a file or is on a network file
@@ -61,7 +66,7 @@ class LedgerWriter(Ledger):
         refuse_network(folder)
         with disk_errors(folder, "opening it to write", BadInput):
             make_folder(folder)
-            return cls(folder, notify, clock)
+            return cls(folder, notify, clock, patience_s)
 
     def close(self) -> None:
         """Close the files and let another writer in; may be called twice."""
@@ -165,7 +170,7 @@ class LedgerWriter(Ledger):
                 self._unsure = None if self._journal.clean else f"an earlier append failed ({error})"
                 raise
             try:
-                insert(self._connection, [row])
+                self._database.append(row)
             except sqlite3.Error as error:
                 self._unsure = f"an earlier append failed ({error})"
                 if is_damage(error):

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 from made_ledger import Notices, a_trial, an_event, changed_bytes, check_files_agree, no_notice
 
-from labctl.ledger import writer
 from labctl.ledger.ledger import Ledger
-from labctl.ledger.store import recovery, tables
+from labctl.ledger.store import appender, recovery, tables
 from labctl.ledger.writer import LedgerWriter
 
 
@@ -43,7 +42,7 @@ def cut_off_at(monkeypatch):
             (tables, "_insert"),
             (recovery, "insert"),
             (recovery, "build"),
-            (writer, "insert"),
+            (appender, "insert"),
         ):
             monkeypatch.setattr(holder, name, cut(getattr(holder, name)))
 

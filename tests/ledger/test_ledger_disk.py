@@ -193,7 +193,7 @@ def test_an_append_that_is_interrupted_is_settled_when_the_ledger_is_opened_agai
         def interrupted(connection, rows):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr("labctl.ledger.writer.insert", interrupted)
+        monkeypatch.setattr("labctl.ledger.store.appender.insert", interrupted)
         with pytest.raises(KeyboardInterrupt):
             ledger.add_trial(a_trial(run.number))
         monkeypatch.undo()
@@ -234,7 +234,7 @@ def test_sqlite_that_becomes_damaged_under_a_writer_is_repaired_by_the_next(tmp_
         def insert(connection, rows):
             raise malformed
 
-        monkeypatch.setattr("labctl.ledger.writer.insert", insert)
+        monkeypatch.setattr("labctl.ledger.store.appender.insert", insert)
         with pytest.raises(LabError, match=r"trial 1, attempt 1, of run 1 is safe in ledger.journal; open"):
             ledger.add_trial(a_trial(run.number))
         monkeypatch.undo()

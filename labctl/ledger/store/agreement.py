@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labctl.errors import LabError
+from labctl.ledger.disk import SQLITE
 from labctl.ledger.lock import last_seq_of
 from labctl.ledger.store.database import DatabaseRead, read_database
 from labctl.ledger.store.journal import JOURNAL, JournalRead, read_journal
 from labctl.ledger.store.record_text import parse_event
 from labctl.ledger.store.rows import Row
-from labctl.ledger.store.tables import SQLITE
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 
-from labctl.ledger.disk import sync_file, sync_folder
+from labctl.ledger.disk import SQLITE, sync_file, sync_folder
 from labctl.ledger.moment import Now
 from labctl.ledger.records import EventRecord
 from labctl.ledger.store.agreement import LedgerRead, format_lost, format_rows, read_ledger
 from labctl.ledger.store.journal import JOURNAL, JournalWriter, write_journal
 from labctl.ledger.store.rows import Row, row_of
-from labctl.ledger.store.tables import SQLITE, build, connect, insert
+from labctl.ledger.store.tables import build, connect, insert
 
 
 def recover(folder: Path, now: Now, notify: Callable[[str], None]) -> tuple[Row, ...]:

@@ -9,7 +9,6 @@ from labctl.ledger.disk import sync_file, sync_folder
 from labctl.ledger.moment import Moment
 from labctl.ledger.store.rows import Kind, Row
 
-SQLITE = "ledger.sqlite"
 VERSION = 1
 # "labl" in ASCII.
 APPLICATION_ID = 0x6C61626C
@@ -66,15 +65,21 @@ class DamagedRow(sqlite3.DatabaseError):
     """A row that is not what was written, though SQLite finds nothing wrong."""
 
 
-def connect(path: Path) -> sqlite3.Connection:
+def connect(path: Path, busy_s: float = 5.0) -> sqlite3.Connection:
     """Open a ledger's database to append to it: WAL, synchronous FULL, foreign keys.
+
+    SQLite itself waits `busy_s` for another program that has it locked.
 
     Raises:
         sqlite3.Error: it cannot be opened.
         LabError: SQLite cannot keep a WAL there.
     """
     connection = sqlite3.connect(
-        f"{path.resolve().as_uri()}?mode=rw", uri=True, isolation_level=None, check_same_thread=False
+        f"{path.resolve().as_uri()}?mode=rw",
+        uri=True,
+        isolation_level=None,
+        check_same_thread=False,
+        timeout=busy_s,
     )
     try:
         (mode,) = connection.execute("PRAGMA journal_mode = WAL").fetchone()
