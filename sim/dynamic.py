@@ -5,7 +5,7 @@ of `sim.memory_layout` and of one time step, 1 / (2 pi sqrt(E L / m)), the step 
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,9 @@ from sim.shape import Failure, Shape
 from sim.sheet import Sheet
 from sim.strain import MAX_STRAIN, check_strain
 
+#: Gets how many time steps are done, and how many there are.
+Progress = Callable[[int, int], None]
+
 GROUND_DAMPING = 0.01
 MAX_STEPS = 2_000_000
 _STEPS_AT_A_TIME = 1000
@@ -52,10 +55,19 @@ def time_step_s(modulus_pa: float, mass_kg: float) -> float:
     return 1.0 / (2 * math.pi * math.sqrt(modulus_pa * PITCH_M / mass_kg))
 
 
+def unobserved(done: int, steps: int) -> None:
+    """Progress that nobody looks at."""
+
+
 def dynamic(
-    sheet: Sheet, inflation: Inflation = PUBLISHED_PROTOCOL, precision: Precision = "float32"
+    sheet: Sheet,
+    inflation: Inflation = PUBLISHED_PROTOCOL,
+    precision: Precision = "float32",
+    progress: Progress = unobserved,
 ) -> Shape | Failure:
     """The sheet's shape at the end of an inflation, by default the published one.
+
+    `progress` gets the steps done and all steps, now and then.
 
     Raises:
         SimError: the inflation has a strain beyond 0.6.
@@ -87,6 +99,7 @@ def dynamic(
         done += taken
         if failed:
             return lattice.failure(f"at step {done} of {steps}, {done * dt_s:.4f} s")
+        progress(done, steps)
     return lattice.shape(steps, float(strains[-1]))
 
 

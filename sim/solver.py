@@ -3,10 +3,10 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal, Protocol, TypeVar
 
-from sim.dynamic import dynamic
+from sim.dynamic import Progress, dynamic, unobserved
 from sim.equilibrium import equilibrium
 from sim.errors import SimError
 from sim.inflation import PUBLISHED_PROTOCOL, Inflation
@@ -47,7 +47,8 @@ class Dynamic:
     """The published way to inflate: through time, read while the sheet still moves.
 
     `workers` threads solve a sheet each, by default one for each core that the process may use; a result does
-    not depend on them, bit for bit, nor on what else is in the batch.
+    not depend on them, bit for bit, nor on what else is in the batch. `progress` gets each sheet's steps on the way,
+    on the thread that solves it.
     """
 
     at_rest: ClassVar[bool] = False
@@ -55,6 +56,7 @@ class Dynamic:
     inflation: Inflation = PUBLISHED_PROTOCOL
     precision: Precision = "float32"
     workers: int | None = None
+    progress: Progress = field(default=unobserved, repr=False, compare=False)
 
     def solve(
         self, sheets: Sequence[Sheet], starts: Sequence[Shape | None] | None = None
@@ -68,7 +70,7 @@ class Dynamic:
             raise SimError("a run through time begins at rest: give starts to the equilibrium solver only")
 
         def solve_one(sheet: Sheet, _: None) -> Shape | Failure:
-            return dynamic(sheet, self.inflation, self.precision)
+            return dynamic(sheet, self.inflation, self.precision, self.progress)
 
         return _each(solve_one, sheets, [None] * len(sheets), self.workers)
 
@@ -115,14 +117,17 @@ def make_solver(
     strain: float = DEFAULT_STRAIN,
     precision: Precision = "float32",
     workers: int | None = None,
+    progress: Progress = unobserved,
 ) -> Solver:
     """The solver of that name; `strain` is the one to hold at rest, "dynamic" has the published inflation.
+
+    `progress` gets the steps of the solver that may take long, "dynamic".
 
     Raises:
         SimError: the strain to hold is not between 0 and 0.6.
     """
     if name == "dynamic":
-        return Dynamic(precision=precision, workers=workers)
+        return Dynamic(precision=precision, workers=workers, progress=progress)
     return Equilibrium(strain, precision, workers)
 
 

@@ -9,7 +9,8 @@ import click
 from click.core import ParameterSource
 
 from labctl.cli.options import design_option, json_option
-from labctl.cli.output import emit_json, table
+from labctl.cli.output import ProgressLine, emit_json, table
+from labctl.cli.slow_progress import SlowProgress
 
 if TYPE_CHECKING:
     from labctl.config.design import Design
@@ -138,7 +139,9 @@ def simulate(as_json: bool, **values: Any) -> None:  # noqa: ANN401 - click's va
 
     target = _target(options, design, given, compile_first)
     compile_first()
-    simulated = simulate_sheet(given, options.solver, options.precision)
+    with ProgressLine(quiet=False) as line:
+        progress = SlowProgress(line, "simulating the sheet")
+        simulated = simulate_sheet(given, options.solver, options.precision, progress)
     error = None if target is None else _target_error(simulated, target, options)
     _write(simulated, options)
     _print(simulated, error, options, as_json)
@@ -197,7 +200,10 @@ def _target(
             raise click.UsageError("a voxel file has no patterns to compare with")
         other = replace(given, sheet=pattern_sheet(design, pattern), name=f"target pattern:{pattern}")
         compile_first()
-        return simulate_sheet(other, options.solver, options.precision).shape.height_field_m(options.surface)
+        with ProgressLine(quiet=False) as line:
+            progress = SlowProgress(line, f"simulating {other.name}")
+            simulated = simulate_sheet(other, options.solver, options.precision, progress)
+        return simulated.shape.height_field_m(options.surface)
 
     return parse_target(options.target_words, design, given.geometry, pattern_heights_m)
 

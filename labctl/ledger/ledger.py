@@ -46,11 +46,12 @@ class Ledger:
         with disk_errors(folder, "reading", BadInput):
             found, holder = _read_steadily(folder)
         if holder is not None:
-            # Rows beyond SQLite's are its writer's to finish.
+            # Rows beyond SQLite's are its writer's to finish, but for those that another program's lock keeps out.
+            stored, last_seq = found.database.rows, holder.last_seq
             rows = (
                 found.rows
                 if found.database.problem
-                else tuple(r for r in found.rows if r.seq in found.database.rows)
+                else tuple(r for r in found.rows if r.seq in stored or r.seq <= last_seq)
             )
             return cls(folder, rows, holder)
         for problem in format_problems(found, later=True):

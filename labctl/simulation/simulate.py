@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from labctl.config.design import Design
 from labctl.errors import BadInput, LabError
 from labctl.simulation.sheets import SimulationInput, pattern_input
+from sim.dynamic import Progress, unobserved
 from sim.errors import SimError
 from sim.kernel import Precision
 from sim.shape import Failure, Shape
@@ -55,15 +56,18 @@ class SimulatedSheet:
 
 
 def simulate_sheet(
-    given: SimulationInput, solver: SolverName, precision: Precision = "float32"
+    given: SimulationInput,
+    solver: SolverName,
+    precision: Precision = "float32",
+    progress: Progress = unobserved,
 ) -> SimulatedSheet:
-    """The shape of a sheet: at rest at its strain, or by the published protocol.
+    """The shape of a sheet: at rest at its strain, or by the published protocol, whose steps `progress` gets.
 
     Raises:
         BadInput: it cannot be simulated, or has no shape.
     """
     try:
-        shape = solve_registered(given.sheet, make_solver(solver, given.strain, precision))
+        shape = solve_registered(given.sheet, make_solver(solver, given.strain, precision, progress=progress))
     except SimError as error:
         raise BadInput(f"{given.name}: {error}") from error
     if isinstance(shape, Failure):

@@ -72,7 +72,7 @@ def test_a_lock_that_outlives_the_run_costs_no_trial(tmp_path):
         in notices.lines[-1]
     )
 
-    with LedgerWriter.open(folder, no_notice) as ledger:
+    with LedgerWriter.open(folder, notices) as ledger:
         assert ledger.trials(run.number) == (a_trial(run.number),)
     check_files_agree(folder)
 
@@ -111,7 +111,9 @@ def test_a_ledger_that_is_locked_from_the_start_takes_a_run_all_the_same(tmp_pat
     folder = tmp_path / "ledger"
     with LedgerWriter.open(folder, no_notice):
         pass
-    with locked(folder), LedgerWriter.open(folder, no_notice, patience_s=0.0) as ledger:
+    notices = Notices()
+    with locked(folder), LedgerWriter.open(folder, notices, patience_s=0.0) as ledger:
         assert ledger.begin_run(a_run()).number == 1
-    with Ledger.open(folder, no_notice) as reader:
+    with Ledger.open(folder, notices) as reader:
         assert reader.run(1).number == 1
+    assert "row 1 (the beginning of run 1); put in, when it is next written to" in notices.text
