@@ -48,6 +48,13 @@ def doubles() -> None:
     help="Modbus transport of the relay board.",
 )
 @click.option(
+    "--serial",
+    type=click.Choice(["pty", "socket"]),
+    default="pty",
+    show_default=True,
+    help="Reach serial devices by pseudo-terminals, or by sockets as behind an Ethernet box.",
+)
+@click.option(
     "--relay-channels",
     type=click.Choice(["8", "16", "32"]),
     default="32",
@@ -119,6 +126,7 @@ def serve(
     out_path: Path,
     regulator: str,
     transport: str,
+    serial: str,
     relay_channels: str,
     single_valve: bool,
     dump_channel: int | None,
@@ -151,6 +159,7 @@ def serve(
         design=load_design(design_name),
         regulator=regulator,  # type: ignore[arg-type]  # click.Choice allows these names only
         valve_transport=transport,  # type: ignore[arg-type]  # likewise
+        serial=serial,  # type: ignore[arg-type]  # likewise
         relay_channels=int(relay_channels),  # type: ignore[arg-type]  # likewise
         single_valve=single_valve,
         speed=speed,

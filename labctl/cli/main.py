@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from labctl import __version__
+from labctl.cli.log_options import add_log_options
 from labctl.cli.outcome import Outcome
 from labctl.cli.output import SIMULATED
 from labctl.errors import LabError
@@ -75,6 +76,7 @@ class LazyGroup(click.Group):
             return None
         module, attribute, _ = COMMANDS[cmd_name]
         command: click.Command = getattr(importlib.import_module(module), attribute)
+        add_log_options(command)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -1,6 +1,7 @@
 """Doubles in a process of their own, which live as long as the command that started them."""
 
 import json
+import os
 import select
 import subprocess
 import sys
@@ -30,6 +31,8 @@ def doubles_process(rig_path: Path, design_name: str, stop: StopRequest, speed: 
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,
+        # The log of the wire is this side's.
+        env={name: value for name, value in os.environ.items() if name != "LABCTL_LOG"},
     )
     try:
         _wait_ready(process, stop)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
+from labctl.config.network_address import address_of, is_network_port
 from labctl.config.quantity import LENGTH, Kind, to_unit
 from labctl.errors import BadInput
 
@@ -114,6 +115,29 @@ class Text:
         if not isinstance(value, str) or not re.fullmatch(self.pattern, value):
             raise ValueError(f"must be {self.allowed}")
         return value
+
+
+@dataclass(frozen=True)
+class SerialPortName:
+    """The path of a serial port of this machine, or the address of one behind the network."""
+
+    allowed: str = (
+        'a serial port, for example "/dev/ttyUSB0", or one behind an Ethernet box, "socket://host:port" or '
+        '"rfc2217://host:port"'
+    )
+
+    def __call__(self, value: object, /) -> str:
+        """The name."""
+        try:
+            name = Text()(value)
+        except ValueError as error:
+            raise ValueError(f"must be {self.allowed}") from error
+        if is_network_port(name):
+            try:
+                address_of(name)
+            except ValueError as error:
+                raise ValueError(f"{error}; it must be {self.allowed}") from error
+        return name
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from labctl.config.rig import (
     RigConfig,
     ValvesConfig,
 )
-from labctl.config.rules import Flag, Number, OneOf, Quantity, Range, Text, Whole
+from labctl.config.rules import Flag, Number, OneOf, Quantity, Range, SerialPortName, Text, Whole
 
 SHEET_SQUARE_MM = 140.0
 BAUDRATES = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 128000, 256000)
@@ -46,7 +46,7 @@ Name = Annotated[str, PlainValidator(Text())]
 Host = Annotated[
     str, PlainValidator(Text("a host name or address, without a port", r"[A-Za-z0-9._:%-]*[A-Za-z0-9]"))
 ]
-Port = Annotated[str, PlainValidator(Text('a serial port, for example "/dev/ttyUSB0"'))]
+Port = Annotated[str, PlainValidator(SerialPortName())]
 Baudrate = Annotated[int, PlainValidator(OneOf(BAUDRATES))]
 DeviceId = Annotated[int, PlainValidator(Whole(1, 247))]
 Timeout = Annotated[float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_TIMEOUT_S, above_low=True)))]

@@ -8,8 +8,10 @@ import threading
 from labctl.clock import Clock
 from labctl.doubles.phasespace import ClientEnd, PhaseSpaceDevice
 from labctl.doubles.phasespace_packets import TooLargeError
+from labctl.logs.wire import log_received, log_sent
 
 PORT_BASE = 8000
+_NAME = "double markers"
 _KERNEL_BUFFER_BYTES = 1 << 16
 _STREAMING_POLL_S = 0.002
 _RESTING_POLL_S = 0.02
@@ -36,6 +38,7 @@ class _Connection:
         data = self.peer.recv(65536)
         if not data:
             raise ConnectionResetError("closed by the client")
+        log_received(_NAME, data)
         self.end.receive(data)
 
     def send(self, now_s: float) -> None:
@@ -43,7 +46,9 @@ class _Connection:
         self.end.move_due(now_s)
         with contextlib.suppress(BlockingIOError):
             while self.end.outbox:
-                del self.end.outbox[: self.peer.send(self.end.outbox)]
+                sent = self.peer.send(self.end.outbox)
+                log_sent(_NAME, bytes(self.end.outbox[:sent]))
+                del self.end.outbox[:sent]
 
 
 class PhaseSpaceServer:

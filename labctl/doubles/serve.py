@@ -6,13 +6,14 @@ from types import TracebackType
 from typing import Self
 
 from labctl.clock import Clock, WallClock, rig_clock
-from labctl.doubles.faults import Faults
+from labctl.doubles.device_end import Line
+from labctl.doubles.faults import Faults, LineFaults
 from labctl.doubles.phasespace_server import PhaseSpaceServer
 from labctl.doubles.plant import Plant
 from labctl.doubles.rig_file import rig_toml
 from labctl.doubles.settings import DoublesSettings
 from labctl.doubles.simulated_rig import Shapes, SimulatedRig, simulated_shapes
-from labctl.doubles.transports import listen, serve_pty, serve_tcp
+from labctl.doubles.transports import ByteServer, listen, serve_pty, serve_tcp
 
 _TICK_WALL_S = 0.005
 
@@ -41,12 +42,10 @@ class Doubles:
             opened.callback(self._rig.close)
             self._rig.plant.start(_TICK_WALL_S * settings.speed)
             faults = self._rig.line_faults
-            self._regulator = serve_pty(
-                "regulator", self._rig.regulator_line(), faults["regulator"], self.clock
-            )
+            self._regulator = self._serve_serial("regulator", self._rig.regulator_line(), faults["regulator"])
             opened.callback(self._regulator.close)
             if settings.valve_transport == "rtu":
-                self._valves = serve_pty("valves", self._rig.valves_line(), faults["valves"], self.clock)
+                self._valves = self._serve_serial("valves", self._rig.valves_line(), faults["valves"])
             else:
                 self._valves = serve_tcp(
                     "valves", self._rig.valves_line, faults["valves"], self.clock, listen()
@@ -55,6 +54,12 @@ class Doubles:
             self._markers = PhaseSpaceServer(self._rig.markers, self.clock, listen())
             opened.callback(self._markers.close)
             self._opened = opened.pop_all()
+
+    def _serve_serial(self, name: str, line: Line, faults: LineFaults) -> ByteServer:
+        if self.settings.serial == "pty":
+            return serve_pty(name, line, faults, self.clock)
+        # A device keeps its line, whoever connects to the box.
+        return serve_tcp(name, lambda: line, faults, self.clock, listen(), scheme="socket://")
 
     @property
     def plant(self) -> Plant:

@@ -22,6 +22,7 @@ class DoublesSettings:
 
     `speed` is how fast its time runs against the wall's; `seed` draws all noise (the reality gap has a seed
     of its own). `dump_channel` is the relay of a normally-open dump valve, None where there is none.
+    `serial` is how serial devices are reached: by pseudo-terminals, or by sockets as behind an Ethernet box.
     `trace_path` takes the plant's truth as JSON lines.
 
     Raises:
@@ -31,6 +32,7 @@ class DoublesSettings:
     design: Design
     regulator: Literal["alicat-ascii", "alicat-modbus"] = "alicat-ascii"
     valve_transport: Literal["rtu", "tcp"] = "rtu"
+    serial: Literal["pty", "socket"] = "pty"
     relay_channels: RelayChannels = 32
     single_valve: bool = False
     speed: float = 1.0

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from labctl.clock import Clock
 from labctl.doubles.device_end import GAP_S, DeviceEnd, HangUpError, Line
 from labctl.doubles.faults import LineFaults
+from labctl.logs.wire import log_received, log_sent
 
 _RESTING_POLL_S = 0.05
 _CLOSE_TIMEOUT_S = 5.0
@@ -19,7 +20,8 @@ _CLOSE_TIMEOUT_S = 5.0
 class _Connection:
     """A file descriptor and the device's end behind it."""
 
-    def __init__(self, fd: int, line: Line, faults: LineFaults, clock: Clock) -> None:
+    def __init__(self, name: str, fd: int, line: Line, faults: LineFaults, clock: Clock) -> None:
+        self._name = f"double {name}"
         self.fd = fd
         self.end = DeviceEnd(line, faults, clock)
 
@@ -27,6 +29,7 @@ class _Connection:
         data = os.read(self.fd, 4096)
         if not data:
             raise HangUpError("closed by the peer")
+        log_received(self._name, data)
         self.end.receive(data)
 
     def send_due(self) -> None:
@@ -34,7 +37,7 @@ class _Connection:
             # A serial line that nobody reads loses bytes; a double must not stop for that.
             with contextlib.suppress(BlockingIOError):
                 if data:
-                    os.write(self.fd, data)
+                    log_sent(self._name, data[: os.write(self.fd, data)])
 
 
 class ByteServer:
@@ -61,7 +64,7 @@ class ByteServer:
         """Serve a pseudo-terminal; the slave stays open here so that a client may come and go."""
         os.set_blocking(master, False)
         self._held_fds = [master, slave]
-        self._connections[master] = _Connection(master, line, self._faults, self._clock)
+        self._connections[master] = _Connection(self.name, master, line, self._faults, self._clock)
 
     def attach_listener(self, listener: socket.socket, line_of: Callable[[], Line]) -> None:
         """Serve whoever connects, each with a line of its own."""
@@ -114,7 +117,7 @@ class ByteServer:
             raise RuntimeError(f"{self.name}: a listener without lines")
         self._sockets[peer.fileno()] = peer
         self._connections[peer.fileno()] = _Connection(
-            peer.fileno(), self._line_of(), self._faults, self._clock
+            self.name, peer.fileno(), self._line_of(), self._faults, self._clock
         )
 
     def _drop(self, fd: int) -> None:
@@ -152,11 +155,16 @@ def listen(host: str = "127.0.0.1", port: int = 0) -> socket.socket:
 
 
 def serve_tcp(
-    name: str, line_of: Callable[[], Line], faults: LineFaults, clock: Clock, listener: socket.socket
+    name: str,
+    line_of: Callable[[], Line],
+    faults: LineFaults,
+    clock: Clock,
+    listener: socket.socket,
+    scheme: str = "",
 ) -> ByteServer:
-    """Lines behind a listening socket, one for each connection; `address` is "host:port"."""
+    """Lines behind a listening socket, one for each connection; `address` is "host:port", after `scheme`."""
     host, port = listener.getsockname()
-    server = ByteServer(name, f"{host}:{port}", faults, clock)
+    server = ByteServer(name, f"{scheme}{host}:{port}", faults, clock)
     server.attach_listener(listener, line_of)
     server.start()
     return server

@@ -11,6 +11,7 @@ from labctl.clock import Clock
 from labctl.errors import GarbledReply, LinkBusy, LinkDown, NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.links.interfaces import BytePort
+from labctl.logs.wire import log_received, log_sent
 
 CHUNK_BYTES = 4096
 
@@ -52,7 +53,9 @@ class SerialPort:
                         f"{self.name}: the port took only {len(data) - len(left)} of {len(data)} bytes "
                         f"within {deadline.seconds:g} s; check the cable and its adapter"
                     )
-                left = left[os.write(self._fd(), left) :]
+                written = os.write(self._fd(), left)
+                log_sent(self.name, bytes(left[:written]))
+                left = left[written:]
             except BlockingIOError:
                 continue
             except OSError as error:
@@ -76,6 +79,7 @@ class SerialPort:
                 raise self._broken(error) from error
             if not data:
                 raise self._broken(OSError(errno.ENODEV, "the port reads as ended"))
+            log_received(self.name, data)
             return data
 
     def has_input(self) -> bool:

@@ -12,6 +12,7 @@ from typing import Any
 from labctl.clock import Clock
 from labctl.errors import LinkDown, NoAnswer
 from labctl.links.deadline import Deadline
+from labctl.logs.wire import log_received, log_sent
 
 CHUNK_BYTES = 65536
 _Address = tuple[socket.AddressFamily, Any]
@@ -44,7 +45,9 @@ class TcpStream:
             try:
                 _, ready, _ = select.select([], [self._socket], [], deadline.remaining_s())
                 if ready:
-                    left = left[self._socket.send(left) :]
+                    sent = self._socket.send(left)
+                    log_sent(self.name, bytes(left[:sent]))
+                    left = left[sent:]
                     continue
             except BlockingIOError:
                 continue
@@ -77,6 +80,7 @@ class TcpStream:
         """
         try:
             while len(self._held) < most and (data := self._socket.recv(CHUNK_BYTES)):
+                log_received(self.name, data)
                 self._held += data
         except BlockingIOError:
             pass
@@ -107,6 +111,7 @@ class TcpStream:
                 raise self._broken(error) from error
             if not data:
                 raise LinkDown(f"{self.name}: the server closed the connection; open the rig again")
+            log_received(self.name, data)
             self._held += data
 
     def abort(self) -> None:

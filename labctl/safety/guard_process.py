@@ -17,6 +17,7 @@ from typing import IO
 
 from labctl.clock import Scheduler, WallClock
 from labctl.links.wires import SYSTEM_WIRES, Wires
+from labctl.logs.files import logged_as_environment_says
 from labctl.nonblocking_output import NonBlockingOutput
 from labctl.safety.guard import ARMED, GuardOrders
 from labctl.safety.guard_heart import watch
@@ -84,7 +85,8 @@ def main() -> int:
         os.write(1, ARMED)
     if not watch(partial(_receive, pipe), end_parent):
         return 0
-    report = take_to_safe(orders.reach, WallClock(), SYSTEM_WIRES, notify, release_terminal)
+    with logged_as_environment_says(notify):
+        report = take_to_safe(orders.reach, WallClock(), SYSTEM_WIRES, notify, release_terminal)
     terminal.finish(_REPORT_S)
     return 0 if report.safe else 1
 
