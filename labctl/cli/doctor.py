@@ -23,8 +23,8 @@ _MARKER_LOOK_S = 1.0
 class Finding:
     """One thing looked at.
 
-    `verdict` is "ok", "missing" (a protection that is not there), "unknown" (cannot be seen from here) or
-    "fault" (does not answer as it should).
+    `verdict` is "ok", "missing" (a protection that is not there), "unknown" (cannot be seen from here), "late" (the
+    computer, within bounds) or "fault" (does not answer as it should).
     """
 
     subject: str
@@ -46,7 +46,7 @@ def doctor(rig_path: Path | None, as_json: bool) -> int:
     with stop_on_signals() as stop, chosen_rig(rig_path, "known", stop) as config:
         platform = Outcome.current().platform
         findings: list[Finding] = []
-        for examine in (_regulator, _valves, _markers, _guard):
+        for examine in (_regulator, _valves, _markers, _guard, _computer):
             stop.check()
             findings += _guarded(examine, config, platform)
         findings += _protections(config)
@@ -178,6 +178,32 @@ def _guard(config: "RigConfig", platform: "Platform") -> list[Finding]:
             "ok",
             f"armed in {took_s:.1f} s: vents and switches the valves off when labctl dies",
         )
+    ]
+
+
+def _computer(config: "RigConfig", platform: "Platform") -> list[Finding]:
+    """The priority of whoever watches the rig, and how late this computer is."""
+    from labctl.safety.lateness import LOOK_FOR_S, Lateness
+    from labctl.safety.priority import Priority
+
+    asked: list[Priority] = []
+
+    def prioritise() -> Priority:
+        asked.append(platform.prioritise())
+        return asked[0]
+
+    # On a thread of its own: nothing else of this program is to have the priority.
+    worst_s = Lateness(platform.scheduler, prioritise).worst_s()
+    limits = config.limits
+    late = f"woke a sleeping program at worst {1e3 * worst_s:.1f} ms late within {LOOK_FOR_S:g} s"
+    bounds = f"{1e3 * limits.warn_lateness_s:g} ms are warned of, {1e3 * limits.max_lateness_s:g} ms refused"
+    verdict = (
+        "fault" if worst_s > limits.max_lateness_s else "late" if worst_s > limits.warn_lateness_s else "ok"
+    )
+    priority = asked[0]
+    return [
+        Finding("real-time priority", "ok" if priority.granted else "missing", priority.text),
+        Finding("this computer", verdict, f"{late} ({bounds}: rig.toml, limits.warn_lateness, max_lateness)"),
     ]
 
 

@@ -103,6 +103,8 @@ class Limits:
     vent_timeout_s: float = 10.0
     follow_within_psi: float = 1.0
     follow_timeout_s: float = 5.0
+    warn_lateness_s: float = 0.02
+    max_lateness_s: float = 0.25
 
     def check_pressure(self, pressure_psi: float, source: str) -> None:
         """Refuse a pressure to hold that this rig must not go to; `source` names the rig's file.

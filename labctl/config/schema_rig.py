@@ -213,6 +213,10 @@ class LimitsSection(Section):
     )
     follow_within: Pressure = Limits.follow_within_psi
     follow_timeout: Duration = Limits.follow_timeout_s
+    warn_lateness: Duration = Limits.warn_lateness_s
+    max_lateness: Annotated[
+        float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_HEARTBEAT_S, above_low=True)))
+    ] = Limits.max_lateness_s
 
     @field_validator("warn_pressure", "trip_pressure")
     @classmethod
@@ -224,6 +228,11 @@ class LimitsSection(Section):
     @classmethod
     def _leaves_time_to_settle(cls, timeout: float, info: ValidationInfo) -> float:
         return _ordered(timeout, info, "settle", "s")
+
+    @field_validator("max_lateness")
+    @classmethod
+    def _is_above_the_warning(cls, lateness: float, info: ValidationInfo) -> float:
+        return _ordered(lateness, info, "warn_lateness", "s")
 
     def config(self) -> Limits:
         """The limits as the rest of the program knows them."""
@@ -243,6 +252,8 @@ class LimitsSection(Section):
             vent_timeout_s=self.vent_timeout,
             follow_within_psi=self.follow_within,
             follow_timeout_s=self.follow_timeout,
+            warn_lateness_s=self.warn_lateness,
+            max_lateness_s=self.max_lateness,
         )
 
 

@@ -17,6 +17,7 @@ from labctl.rig.instruments import RigInstruments
 from labctl.rig.platform import SYSTEM, Platform
 from labctl.rig.recorder import Recorder, errors_to_recorder
 from labctl.rig.trace import PressureTrace
+from labctl.safety.lateness import Lateness, refuse_late
 from labctl.safety.safe_state import SafeReport
 from labctl.safety.supervisor import Supervisor
 from labctl.stop import StopRequest
@@ -85,8 +86,10 @@ class Rig:
             clock=self.clock,
             guard=self._guard,
             notify=notify,
+            prioritise=platform.prioritise,
         )
         self._supervisor.start()
+        self._lateness: Lateness | None = Lateness(platform.scheduler, platform.prioritise)
 
     def __enter__(self) -> "Rig":
         return self
@@ -115,6 +118,14 @@ class Rig:
             raise InstrumentError(f"{self.config.name} is closed; open it again first")
         self._stop.check()
         self._supervisor.check()
+
+    def _check_energising(self) -> None:
+        """Look whether anything may be energised: `check`, and once whether this computer is on time."""
+        self.check()
+        if self._lateness is not None:
+            refuse_late(self._lateness.worst_s(), self.config.limits, self._notify)
+            self._lateness = None
+            self.check()
 
     def wait(self, seconds: float) -> None:
         """Let `seconds` of the rig's clock go by, beating and checking."""
@@ -166,21 +177,21 @@ class Rig:
         requested = set(channels)
         if self.config.valves.dump_channel is not None:
             requested.add(self.config.valves.dump_channel)
-        with self._supervisor.energising(self.check):
+        with self._supervisor.energising(self._check_energising):
             on = self._instruments.valves.write(requested)
             self._supervisor.expect(channels_on=on)
         return on
 
     def start_control(self) -> None:
         """End hold and exhaust at setpoint 0, so that the regulator follows its setpoint again."""
-        with self._supervisor.energising(self.check):
+        with self._supervisor.energising(self._check_energising):
             self._instruments.regulator.write_setpoint(0.0)
             reading = self._instruments.regulator.cancel_hold()
             self._supervisor.expect(setpoint_psi=reading.setpoint_psi, mode="control")
 
     def write_setpoint(self, setpoint_psi: float) -> PressureReading:
         """Write a setpoint and read it back."""
-        with self._supervisor.energising(self.check):
+        with self._supervisor.energising(self._check_energising):
             reading = self._instruments.regulator.write_setpoint(setpoint_psi)
             # As read back, in the device's own decimals: every later reading will have the same.
             self._supervisor.expect(setpoint_psi=reading.setpoint_psi)

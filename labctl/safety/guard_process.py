@@ -21,6 +21,7 @@ from labctl.logs.files import logged_as_environment_says
 from labctl.nonblocking_output import NonBlockingOutput
 from labctl.safety.guard import ARMED, GuardOrders
 from labctl.safety.guard_heart import watch
+from labctl.safety.priority import ask_for_real_time
 from labctl.safety.reach import Reach, open_and_make_safe
 from labctl.safety.safe_state import SafeReport
 
@@ -58,6 +59,7 @@ def main() -> int:
     """The guard process."""
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
+    ask_for_real_time()
     pipe = open(0, "rb", buffering=0)  # noqa: SIM115 - a descriptor, held until the process ends
     orders = GuardOrders.from_json(_read_line(pipe))
     terminal = NonBlockingOutput(lambda text: _write_terminal(f"guard: {orders.reach.rig_name}: {text}\n"))

@@ -22,6 +22,7 @@ from labctl.errors import InstrumentError, Tripped
 from labctl.instruments.interfaces import PressureRegulator, ValveBank
 from labctl.instruments.readings import PressureReading, PressureSample
 from labctl.safety.guard import Guard
+from labctl.safety.priority import Priority, stay_ordinary
 from labctl.safety.safe_state import SafeReport, make_safe
 from labctl.safety.trip_rules import (
     Expected,
@@ -62,6 +63,7 @@ class Supervisor:
         clock: the rig's clock, by which samples are stamped and a vent is timed.
         guard: the guard, which must live and is beaten here.
         notify: receives one line of text for each warning and trip; must not wait for anybody.
+        prioritise: asks for the priority of the thread that polls, and of those that it starts to vent.
     """
 
     def __init__(
@@ -75,7 +77,9 @@ class Supervisor:
         clock: Clock,
         guard: Guard,
         notify: Callable[[str], None],
+        prioritise: Callable[[], Priority] = stay_ordinary,
     ) -> None:
+        self._prioritise = prioritise
         self._regulator = regulator
         self._valves = valves
         self._limits = limits
@@ -232,6 +236,7 @@ class Supervisor:
             self._vent_and_notify(f"after the vent: {reason}")
 
     def _run(self) -> None:
+        self._prioritise()
         polls = 0
         next_s = self._scheduler.now_s()
         while not self._ending.is_set():
