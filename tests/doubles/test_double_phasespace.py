@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from phasespace_fuzz import fuzz_double
+from phasespace_fuzz import packet as fuzzed_packet
 
 from labctl.doubles import phasespace
 from labctl.doubles.faults import FaultPanel, LineFaults, parse_faults
@@ -628,3 +630,12 @@ def test_server_dies_after_so_many_frames(server_of, client_of, clock):
                 frames += 1
                 clock.sleep(0.01)
     assert 0 < frames <= 100
+
+
+def test_whatever_a_client_sends_is_answered_in_packets(plant_of, clock):
+    lines = LineFaults(FaultPanel(clock), clock, np.random.default_rng(0))
+    device = PhaseSpaceDevice(plant_of(), CLEAN, lines, clock, np.random.default_rng(0))
+    client = device.connect((1, 2, 3))
+    rng = np.random.default_rng(14)
+    client.receive(fuzzed_packet(4, TEXT, b"event.markers=1"))
+    assert fuzz_double(client, rng, 3000) > 100_000
