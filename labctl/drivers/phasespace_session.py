@@ -13,7 +13,6 @@ from labctl.links.interfaces import ByteStream
 
 # Properties that packets of numbers may set; every other comes as text.
 _NUMBER_PROPERTIES = frozenset({"streaming", "timebase", "frequency", "scale", "pose", "systempose"})
-_LARGEST_INT = 2**31 - 1
 _TEXT_EVENTS = frozenset({"initialize", "done", "options", "streaming", "frequency", "timebase"})
 # What is looked at in one go: a tenth of a second of 72 markers at 960 Hz.
 _MOST_BYTES = 1 << 18
@@ -134,12 +133,10 @@ class PhaseSpaceSession:
 
     def seconds_per_count(self) -> float | None:
         """The timebase as a time; None where the server has none set."""
-        try:
-            numerator, denominator = (int(part) for part in self.properties["timebase"].split(","))
-        except (KeyError, ValueError):
+        if "timebase" not in self.properties:
             return None
-        is_one = 0 < numerator <= _LARGEST_INT and 0 < denominator <= _LARGEST_INT
-        return numerator / denominator if is_one else None
+        numerator, denominator = (int(part) for part in self.properties["timebase"].split(","))
+        return numerator / denominator
 
     def _credible(self, header: wire.Header, data: bytes) -> wire.Header:
         """The header of a packet whose end can be found; else the stream is given up."""
@@ -193,7 +190,7 @@ class PhaseSpaceSession:
         if header.type == wire.BYTE and name in _TEXT_EVENTS:
             self._set_properties(wire.parse_text(payload))
         elif header.type in (wire.INT, wire.FLOAT) and name in _NUMBER_PROPERTIES:
-            self.properties[name] = wire.parse_numbers(header.type, payload)
+            self._set_property(name, wire.parse_numbers(header.type, payload))
 
     def _take_error(self, name: str, text: str) -> None:
         if self.tolerates_errors and name != "fatal":
@@ -209,13 +206,18 @@ class PhaseSpaceSession:
     def _set_properties(self, text: str) -> None:
         for key, value in wire.parse_pairs(text).items():
             if value:
-                self.properties[key] = value
+                self._set_property(key, value)
             else:
                 self.properties.pop(key, None)
 
+    def _set_property(self, key: str, value: str) -> None:
+        # As the vendor's client does: what is no value of that property changes nothing.
+        if wire.is_value(key, value):
+            self.properties[key] = value
+
     def _close_frame(self, header: wire.Header) -> None:
         if not self._is_raw(header.id):
-            self.tally.other_frames[self._name_of(header.id) or f"name {header.id}"] += 1
+            self.tally.count_other_frame(self._name_of(header.id) or f"name {header.id}")
             return
         self.arrived_s = self._clock.now_s()
         pending, self._markers = self._markers, None

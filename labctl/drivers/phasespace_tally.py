@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 # A packet with a wrong checksum weighs as much as so many right ones; more than a quarter of them is no stray fault.
 _WEIGHT = 3
 _LIMIT = 48
+_MOST_NAMES = 8
 
 
 class Tally:
@@ -40,6 +41,11 @@ class Tally:
         self.packets += 1
         self.wrong_checksums += 1
         self._weight += _WEIGHT
+
+    def count_other_frame(self, name: str) -> None:
+        """A frame that goes by another name than the raw ones."""
+        is_listed = name in self.other_frames or len(self.other_frames) < _MOST_NAMES
+        self.other_frames[name if is_listed else "further names"] += 1
 
     def count_error(self, text: str) -> None:
         """An error in the server's words, while frames were coming."""

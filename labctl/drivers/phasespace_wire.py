@@ -4,6 +4,7 @@ A packet is a 16-byte little-endian header (id u16, type u8, checksum u8, payloa
 payload. The first eight bytes sum to 0 modulo 256.
 """
 
+import math
 import struct
 from dataclasses import dataclass
 
@@ -17,6 +18,10 @@ BYTE, INT, FLOAT = 1, 2, 3
 ERROR, FRAME, MARKER = 0x7F, 0x80, 0x84
 INTERNAL_TEXT = 0
 FIRST_FRAME_ID = 256
+
+_INTEGERS = frozenset({"opened", "initialized", "streaming", "slave"})
+_LENGTHS_AND_RATES = frozenset({"frequency", "maxfrequency", "scale"})
+_LARGEST_INT = 2**31 - 1
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,21 @@ def parse_pairs(text: str) -> dict[str, str]:
         if equals:
             pairs[key] = value
     return pairs
+
+
+def is_value(key: str, value: str) -> bool:
+    """Whether a property can have this value; of a key that is not known here, any."""
+    try:
+        if key in _INTEGERS:
+            return abs(int(value)) <= _LARGEST_INT
+        if key in _LENGTHS_AND_RATES:
+            return 0 < float(value) < math.inf
+        if key == "timebase":
+            numbers = [int(part) for part in value.split(",")]
+            return len(numbers) == 2 and all(0 < number <= _LARGEST_INT for number in numbers)
+    except ValueError:
+        return False
+    return True
 
 
 def parse_table(text: str) -> dict[str, int]:

@@ -470,6 +470,16 @@ def test_a_scale_is_named(stream):
     assert notes[-1] == "scale 0.001, by which the server multiplies lengths (markers.length_unit)"
 
 
+@pytest.mark.parametrize(
+    "words",
+    ["timebase=1,0", "timebase=1", "timebase=x,y", "timebase=1,99999999999", "frequency=nan streaming=off"],
+)
+def test_what_is_no_value_of_a_property_changes_nothing(started, words):
+    device, link = started
+    link.feed(text(0, words), frame(1_500_000))
+    assert device.next_frames().time_s.tolist() == [1.5]
+
+
 def test_names_beyond_255_are_none(stream):
     names = text(0, "table=names 70000=streaming 999999999999=done")
     link = stream(SESSION, names, STREAMING)
