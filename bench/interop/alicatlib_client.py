@@ -47,7 +47,7 @@ def _gauge(reading: object) -> float:
     """The gauge pressure of a reading, whatever its field is called."""
     values = getattr(reading, "values", None) or {}
     for name, value in dict(values).items():
-        if "pressure" in str(name).lower() and "setpoint" not in str(name).lower():
+        if "press" in str(name).lower() and "set" not in str(name).lower():
             return float(value)
     raise ValueError(f"no pressure in {reading}")
 

@@ -52,22 +52,24 @@ class FrameFaults:
         """The frame as it is sent."""
         self._count += 1
         data, closing = frame[:-HEADER_BYTES], frame[-HEADER_BYTES:]
+        records = data[HEADER_BYTES:]
         time = struct.unpack_from("<q", closing, 8)[0]
         if self._panel.active("interleaved"):
             data += _between(time)
-        if self._panel.active("filter-frames"):
-            data += Packet(FILTER_NAME << 8 | NAMES["markers"], MARKER, data[HEADER_BYTES:], time).encoded()
-            data += Packet(FILTER_NAME, FRAME, b"", time).encoded()
         if self._panel.active("payload-in-close"):
             closing = Packet(NAMES["raw"], FRAME, bytes(4), time).encoded()
         is_hundredth = self._count % _EVERY == 0
         if is_hundredth and self._panel.active("error-events"):
             data += text(NAMES["error"], "camera 3 does not answer", ERROR).encoded()
-        if is_hundredth and self._panel.active("partial-record") and len(data) > HEADER_BYTES:
-            data = Packet(NAMES["raw"] << 8 | NAMES["markers"], MARKER, data[HEADER_BYTES:-1], time).encoded()
+        if is_hundredth and self._panel.active("partial-record") and records:
+            data = Packet(NAMES["raw"] << 8 | NAMES["markers"], MARKER, records[:-1], time).encoded()
         if is_hundredth and self._panel.active("impossible-size"):
             closing = _announcing(MAX_PAYLOAD_BYTES + 1, time)
-        return self._with_bad_checksum(data + closing)
+        spoilt = self._with_bad_checksum(data + closing)
+        if self._panel.active("filter-frames"):
+            spoilt += Packet(FILTER_NAME << 8 | NAMES["markers"], MARKER, records, time).encoded()
+            spoilt += Packet(FILTER_NAME, FRAME, b"", time).encoded()
+        return spoilt
 
     def _with_bad_checksum(self, frame: bytes) -> bytes:
         share = self._panel.active("bad-checksum")
