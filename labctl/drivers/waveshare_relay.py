@@ -110,8 +110,7 @@ class WaveshareRelay:
         unknown = sorted(channel for channel in requested if not 1 <= channel <= self.channels)
         if unknown:
             raise BadInput(f"{self.name}: no channel {unknown}; the board has channels 1 to {self.channels}")
-        a_channel_s = _WRITE_SINGLY_S if self._coils.writes_singly else _WRITE_S
-        deadline = self._deadline(timeout_s, a_channel_s * self.channels)
+        deadline = self._deadline(timeout_s, self._write_s())
         if not requested:
             return self._all_off(deadline)
         self._coils.switch(requested, deadline)
@@ -202,6 +201,11 @@ class WaveshareRelay:
 
     def _notes(self) -> tuple[str, ...]:
         return self._coils.notes()
+
+    def _write_s(self) -> float:
+        if self._coils.way is None:
+            return _FIND_S * self.channels
+        return (_WRITE_SINGLY_S if self._coils.writes_singly else _WRITE_S) * self.channels
 
     def _find_s(self) -> float:
         """What a call may take that names no time: more while the way to read is unknown, or where it is slow."""
