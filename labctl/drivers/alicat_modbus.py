@@ -212,9 +212,11 @@ class AlicatModbus:
 
     def _require_unit(self, setpoint_psi: float) -> None:
         if self._unit_proof is None:
+            value = from_psi(setpoint_psi, self._unit)
+            other: PressureUnit = "psi" if self._unit == "bar" else "bar"
             raise Unproven(
                 f"{self.name}: over Modbus the device does not tell its unit, and nothing proves that it is "
-                f"{self._unit} (a device in bar would take {setpoint_psi:g} for {setpoint_psi * 14.5038:.0f} psi); "
+                f"{self._unit} (a device in {other} would take {value:.3g} for {to_psi(value, other):.3g} psi); "
                 "look at its display or ask it over ASCII (??D*), then write how that was done into rig.toml, "
                 "regulator.pressure_unit_proven"
             )

@@ -232,7 +232,7 @@ def test_no_byte_leaves_while_the_unit_is_not_proven_but_for_setpoint_0(register
         registers((f"01 10 03 F1 00 02 04 {AT_0}", "01 10 03 F1 00 02"), (READ, reading(AT_0, AT_0, AT_0))),
         unit_proof=None,
     )
-    with pytest.raises(Unproven, match=r"a device in bar would take 3.9 for 57 psi.*pressure_unit_proven"):
+    with pytest.raises(Unproven, match=r"a device in bar would take 3.9 for 56.6 psi.*pressure_unit_proven"):
         device.write_setpoint(3.9)
     assert device.write_setpoint(0.0).setpoint_psi == 0
 
