@@ -13,7 +13,7 @@ from labctl.clock import Clock
 from labctl.errors import BadInput
 
 Instrument = Literal["regulator", "valves", "markers"]
-Argument = Literal["", "seconds", "psi", "count", "channel"]
+Argument = Literal["", "seconds", "psi", "count", "channel", "percent"]
 
 _ANY_REPLY: dict[str, Argument] = {
     "silent": "",
@@ -36,12 +36,45 @@ ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
                 "overpressure": "",
                 "frozen-sensor": "",
                 "low-sensor": "",
+                "swapped-words": "",
+                "swapped-bytes": "",
+                "unknown-status-bit": "",
+                "unit-bar": "",
             }
         ),
         "valves": MappingProxyType(
-            {**_ANY_REPLY, "wrong-address": "", "stuck-coils": "", "stuck-coil": "channel"}
+            {
+                **_ANY_REPLY,
+                "wrong-address": "",
+                "stuck-coils": "",
+                "stuck-coil": "channel",
+                "bytes-reversed": "",
+                "write-bytes-reversed": "",
+                "no-all-coil": "",
+                "no-multiple-write": "",
+                "single-coils-only": "",
+                "old-firmware": "",
+            }
         ),
-        "markers": MappingProxyType({**_ANY_REPLY, "blind": ""}),
+        "markers": MappingProxyType(
+            {
+                **_ANY_REPLY,
+                "blind": "",
+                "bad-checksum": "percent",
+                "split": "",
+                "interleaved": "",
+                "filter-frames": "",
+                "payload-in-close": "",
+                "initialized-on-initialize-only": "",
+                "initialized-on-id-0-only": "",
+                "odd-greeting": "",
+                "error-events": "",
+                "repeated-times": "",
+                "times-back": "",
+                "partial-record": "",
+                "impossible-size": "",
+            }
+        ),
     }
 )
 
@@ -58,6 +91,19 @@ class Fault:
     analog); `stuck-exhaust` (EXH is reported, the valve stays shut); `overpressure` (the inlet sticks open);
     `frozen-sensor`, `low-sensor` (the reading stays, or is -2 psi; the controller opens its inlet for it).
     Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only).
+    Markers: `blind` (every marker occluded); `bad-checksum` (of a packet in `value` per cent of the frames);
+    `split` (packets arrive in two pieces, 10 ms apart); `interleaved` (events and other data within a frame);
+    `filter-frames` (a filter's frames beside the raw ones); `payload-in-close` (of the closing packet);
+    `initialized-on-initialize-only`, `initialized-on-id-0-only` (where the answer to initialize goes);
+    `odd-greeting` (tables in parts and after `opened`, unknown names). In every hundredth frame: `error-events`
+    (an error in words); `repeated-times`, `times-back` (its time is that of the frame before it, or earlier);
+    `partial-record` (a byte short); `impossible-size` (more than 4 MiB announced).
+    `unit-bar` (the device is set to bar, whatever rig.toml says). On Modbus: `swapped-words` (a gateway exchanges
+    the words of 32-bit values, both ways), `swapped-bytes` (the bytes of every word), `unknown-status-bit` (bit 20).
+    Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only);
+    `bytes-reversed` (function 01 answers its data bytes last first), `write-bytes-reversed` (function 0F takes them
+    so). Not answered: coil 0x00FF (`no-all-coil`); function 0F (`no-multiple-write`); both, and 01 for more than one
+    coil (`single-coils-only`); all but 05 for one coil and 01 at 0x00FF, eight channels (`old-firmware`).
     Markers: `blind` (every marker occluded).
 
     It begins once the plant time is `from_s` and the plant's pressure has been `from_psi`, for good.

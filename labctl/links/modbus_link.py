@@ -54,11 +54,23 @@ class _Reply:
 
 @dataclass(frozen=True)
 class _Probe:
-    """The read that resynchronises."""
+    """The read that resynchronises: of holding registers, or of coils."""
 
     address: int
     count: int
     device_id: int
+    of_coils: bool = False
+
+    def request(self) -> ModbusPDU:
+        """As it is sent; made anew each time, because a link numbers what it sends."""
+        if self.of_coils:
+            return ReadCoilsRequest(address=self.address, count=self.count, dev_id=self.device_id)
+        return ReadHoldingRegistersRequest(address=self.address, count=self.count, dev_id=self.device_id)
+
+    @property
+    def reply_bytes(self) -> int:
+        """The length of its reply's PDU."""
+        return 2 + ((self.count + 7) // 8 if self.of_coils else 2 * self.count)
 
 
 class ModbusLink:
@@ -81,6 +93,10 @@ class ModbusLink:
         """Set the read that resynchronises: no other request of the driver has a reply of its shape."""
         self._probe = _Probe(address, count, device_id)
 
+    def resync_by_coils(self, address: int, count: int, device_id: int) -> None:
+        """Set a read of coils for it: a late reply can be taken for its reply, but then for no later one's."""
+        self._probe = _Probe(address, count, device_id, of_coils=True)
+
     def read_coils(self, address: int, count: int, device_id: int, deadline: Deadline) -> tuple[bool, ...]:
         """Function 01: `count` coils from `address` on.
 
@@ -90,11 +106,17 @@ class ModbusLink:
             InstrumentRefused: the device answered with an exception.
             LinkDown: the port or connection is gone.
         """
+        # The last byte is padded to eight coils.
+        packed = self.read_coil_bytes(address, count, device_id, deadline)
+        return tuple(bool(packed[coil // 8] >> coil % 8 & 1) for coil in range(count))
+
+    def read_coil_bytes(self, address: int, count: int, device_id: int, deadline: Deadline) -> bytes:
+        """Function 01: the data bytes as they come, eight coils to a byte; raises like `read_coils`."""
         request = ReadCoilsRequest(address=address, count=count, dev_id=device_id)
         packed = (count + 7) // 8
         reply = self._exchange(request, 2 + packed, deadline)
-        # The last byte is padded to eight coils.
-        return tuple(reply.pdu.bits[:count])
+        bits = reply.pdu.bits
+        return bytes(sum(bits[8 * byte + bit] << bit for bit in range(8)) for byte in range(packed))
 
     def write_coil(self, address: int, value: bool, device_id: int, deadline: Deadline) -> None:
         """Function 05; raises like `read_coils`."""
@@ -185,11 +207,9 @@ class ModbusLink:
 
     def _read_probe(self, probe: _Probe, deadline: Deadline) -> None:
         """Read up to the reply that cannot be late; a device answers in order, so no late one follows."""
-        request = ReadHoldingRegistersRequest(
-            address=probe.address, count=probe.count, dev_id=probe.device_id
-        )
+        request = probe.request()
         self._send(request, deadline)
-        while not self._is_reply(request, self._receive(request, deadline), 2 + 2 * probe.count):
+        while not self._is_reply(request, self._receive(request, deadline), probe.reply_bytes):
             pass
 
     def _send(self, request: ModbusPDU, deadline: Deadline) -> None:

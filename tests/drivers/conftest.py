@@ -132,6 +132,8 @@ class ScriptedStream:
 
 
 def with_checksum(text):
+    if not text:
+        return b""
     body = bytes.fromhex(text)
     crc = 0xFFFF
     for byte in body:

@@ -40,7 +40,8 @@ def alicat_ascii(port):
 
 
 def alicat_modbus(port):
-    return AlicatModbus(open_modbus_serial(port, 19200, WallClock(), "regulator A"), device_id=1, **ALICAT)
+    link = open_modbus_serial(port, 19200, WallClock(), "regulator A")
+    return AlicatModbus(link, device_id=1, unit_proof="the test's word", **ALICAT)
 
 
 def relay_rtu(port):
