@@ -40,8 +40,8 @@ bench-protocols: $(INSTALLED)  ## all five protocols on doubles at 20 times thei
 bench-kill: $(INSTALLED)  ## kill -9 at 200 random moments of a run: about half an hour
 	$(BIN)/python bench/kill_run.py
 
-bench-rig: $(INSTALLED)  ## ingest, recording and the supervisor under 72 markers at 960 Hz: about 12 minutes
-	$(BIN)/python bench/rig_load.py --out runs/bench/rig.json
+bench-rig: $(INSTALLED)  ## ingest, recording and the supervisor under 72 markers at 960 Hz, then beside four busy loops: about half an hour
+	$(BIN)/python bench/rig_load.py --busy 4 --out runs/bench/rig.json
 
 interop: $(INSTALLED)  ## clients written elsewhere on the doubles, each in an environment of its own: about 3 minutes
 	$(BIN)/python bench/interop/run.py

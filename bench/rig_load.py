@@ -2,7 +2,8 @@
 
 A marker server and a regulator with its valves run in processes of their own and answer byte for byte. This process
 holds the sheet inflated under its supervisor and records everything; then the same with hardly any markers, for the
-difference. CPU is that of all threads of this process, as a share of one core.
+difference. CPU is that of all threads of this process, as a share of one core. With --busy N the full stream is
+recorded twice beside N busy loops: the supervisor with real-time priority, where the system grants it, and without.
 """
 
 import argparse
@@ -31,6 +32,8 @@ from labctl.instruments.readings import MarkerFrames
 from labctl.ledger.raw.recording import RawRecorder, read_frames
 from labctl.measurement.clock_fit import fit_clock
 from labctl.rig import Rig
+from labctl.rig.platform import SYSTEM, Platform
+from labctl.safety.priority import Priority, ask_for_real_time, stay_ordinary
 from labctl.safety.supervisor import POLL_PERIOD_S
 from labctl.stop import OperatorStop
 
@@ -159,10 +162,22 @@ def sleeping() -> Iterator[list[float]]:
         late_ms += [1e3 * float(word) for word in printed.split()]
 
 
-def record(config: RigConfig, seconds: float, folder: Path) -> Load:
+@contextmanager
+def busy(loops: int) -> Iterator[None]:
+    """Processes that do nothing but compute, meanwhile."""
+    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(loops)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def record(config: RigConfig, seconds: float, folder: Path, platform: Platform = SYSTEM) -> Load:
     """Hold the sheet inflated and record for `seconds`."""
     stop = OperatorStop()
-    with Rig(config, stop=stop, notify=print) as rig:
+    with Rig(config, stop=stop, notify=print, platform=platform) as rig:
         rig.make_safe()
         rig.jam({4})
         rig.start_control()
@@ -221,10 +236,31 @@ def report(name: str, load: Load) -> None:
     )
 
 
+def record_beside(loops: int, config: RigConfig, seconds: float, folder: Path) -> dict[str, Load]:
+    """The full stream beside busy loops, with and without the priority, each as a line of the table."""
+    # What is measured is what a late computer does: it must not be refused here.
+    limits = replace(config.limits, warn_lateness_s=0.5, max_lateness_s=1.0, stale_after_s=2.0)
+    config = replace(config, limits=limits)
+    granted: list[Priority] = []
+
+    def prioritise() -> Priority:
+        granted.append(ask_for_real_time())
+        return granted[-1]
+
+    found = {}
+    with busy(loops):
+        for name, ask in (("with", prioritise), ("without", stay_ordinary)):
+            found[name] = record(config, seconds, folder, replace(SYSTEM, prioritise=ask))
+            report(f"{FREQUENCY_HZ:g} Hz beside {loops} busy loops, {name} priority", found[name])
+    print(f"\nPriority: {granted[0].text}.")
+    return found
+
+
 def main() -> None:
     """Run both stretches and print them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0, help="of the full stream")
+    parser.add_argument("--busy", type=int, default=0, help="busy loops beside it, with and without priority")
     parser.add_argument("--out", type=Path, help="write the numbers here, as JSON")
     parser.add_argument("--serve", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -256,6 +292,16 @@ def main() -> None:
             replace(config, markers=replace(markers, frequency_hz=FREQUENCY_HZ)), options.seconds, folder
         )
         report(f"{FREQUENCY_HZ:g} Hz", full)
+        beside = (
+            record_beside(
+                options.busy,
+                replace(config, markers=replace(markers, frequency_hz=FREQUENCY_HZ)),
+                options.seconds,
+                folder,
+            )
+            if options.busy
+            else {}
+        )
     ingest_percent = full.cpu_percent - idle.cpu_percent
     print(
         f"\nIngest: {ingest_percent:.1f} % of one core beside the control loop ({CPU_BAR_PERCENT:g} % at most),"
@@ -268,7 +314,13 @@ def main() -> None:
     )
     if options.out is not None:
         options.out.parent.mkdir(parents=True, exist_ok=True)
-        numbers = {"machine": machine(), "markers": MARKERS, "idle": asdict(idle), "full": asdict(full)}
+        numbers: dict[str, object] = {
+            "machine": machine(),
+            "markers": MARKERS,
+            "idle": asdict(idle),
+            "full": asdict(full),
+        }
+        numbers["beside_busy_loops"] = {name: asdict(load) for name, load in beside.items()}
         options.out.write_text(json.dumps(numbers | {"ingest_percent": ingest_percent}, indent=2) + "\n")
 
 
