@@ -30,6 +30,8 @@ LONGEST_EXCHANGE_S = 1.0
 LONGEST_TIMEOUT_S = 10.0
 # Above this a sheet is not empty.
 HIGHEST_SAFE_PSI = 0.5
+# A gauge that is further off is broken, or shows a pressure that is there.
+HIGHEST_TARE_PSI = 1.0
 # What a marker feed holds at 960 Hz.
 LONGEST_CAPTURE_S = 60.0
 LONGEST_STALE_S = 2.0
@@ -213,6 +215,9 @@ class LimitsSection(Section):
     )
     follow_within: Pressure = Limits.follow_within_psi
     follow_timeout: Duration = Limits.follow_timeout_s
+    tare_within: Annotated[
+        float, PlainValidator(Quantity(PRESSURE, Range(0, HIGHEST_TARE_PSI, above_low=True)))
+    ] = Limits.tare_within_psi
 
     @field_validator("warn_pressure", "trip_pressure")
     @classmethod
@@ -243,6 +248,7 @@ class LimitsSection(Section):
             vent_timeout_s=self.vent_timeout,
             follow_within_psi=self.follow_within,
             follow_timeout_s=self.follow_timeout,
+            tare_within_psi=self.tare_within,
         )
 
 

@@ -83,6 +83,7 @@ class AlicatAscii:
             "C": lambda: self._switch(Mode.CONTROL),
             "E": self._exhaust,
             "P": self._tare,
+            "TP": self._tare,
             "VE": lambda: f"{self.unit_id}   {FIRMWARE} Jan  9 2025,15:04:07{_CR}",
             "??D*": lambda: self._table(_LAYOUT),
             "??M*": lambda: self._table(self._manufacturer()),

@@ -12,8 +12,12 @@ import numpy as np
 from labctl.clock import Clock
 from labctl.errors import BadInput
 
-Instrument = Literal["regulator", "valves", "markers"]
-Argument = Literal["", "seconds", "psi", "count", "channel"]
+Instrument = Literal["regulator", "valves", "markers", "gauge"]
+Argument = Literal["", "seconds", "psi", "count", "channel", "offset_psi", "psi_per_s", "factor"]
+
+# Those that may be negative.
+_SIGNED = frozenset({"offset_psi", "psi_per_s"})
+_WHOLE = frozenset({"count", "channel"})
 
 _ANY_REPLY: dict[str, Argument] = {
     "silent": "",
@@ -23,18 +27,26 @@ _ANY_REPLY: dict[str, Argument] = {
     "dies-after": "count",
 }
 
+# A pressure sensor's own.
+_SENSOR: dict[str, Argument] = {
+    "offset": "offset_psi",
+    "drift": "psi_per_s",
+    "gain": "factor",
+    "frozen-sensor": "",
+}
+
 #: Per instrument the kinds of fault and the argument that each takes ("" for none).
 ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
     {
         "regulator": MappingProxyType(
             {
                 **_ANY_REPLY,
+                **_SENSOR,
                 "wrong-address": "",
                 "stuck-setpoint": "",
                 "ignored-setpoint": "",
                 "stuck-exhaust": "",
                 "overpressure": "",
-                "frozen-sensor": "",
                 "low-sensor": "",
             }
         ),
@@ -42,6 +54,7 @@ ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
             {**_ANY_REPLY, "wrong-address": "", "stuck-coils": "", "stuck-coil": "channel"}
         ),
         "markers": MappingProxyType({**_ANY_REPLY, "blind": ""}),
+        "gauge": MappingProxyType({**_ANY_REPLY, **_SENSOR, "wrong-address": ""}),
     }
 )
 
@@ -57,6 +70,8 @@ class Fault:
     Regulator: `stuck-setpoint` (accepted, never taken over); `ignored-setpoint` (the setpoint source is
     analog); `stuck-exhaust` (EXH is reported, the valve stays shut); `overpressure` (the inlet sticks open);
     `frozen-sensor`, `low-sensor` (the reading stays, or is -2 psi; the controller opens its inlet for it).
+    Regulator and second gauge: `offset` (reads `value` psi too much, too little where negative), `drift` (`value`
+    psi more with each second from then on), `gain` (reads `value` times the pressure), `frozen-sensor`.
     Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only).
     Markers: `blind` (every marker occluded).
 
@@ -76,10 +91,16 @@ class Faults:
     regulator: tuple[Fault, ...] = field(default=())
     valves: tuple[Fault, ...] = field(default=())
     markers: tuple[Fault, ...] = field(default=())
+    gauge: tuple[Fault, ...] = field(default=())
 
     def of(self, instrument: Instrument) -> tuple[Fault, ...]:
         """The faults of one instrument."""
-        return {"regulator": self.regulator, "valves": self.valves, "markers": self.markers}[instrument]
+        return {
+            "regulator": self.regulator,
+            "valves": self.valves,
+            "markers": self.markers,
+            "gauge": self.gauge,
+        }[instrument]
 
 
 def parse_faults(texts: Iterable[str]) -> Faults:
@@ -101,6 +122,8 @@ def parse_faults(texts: Iterable[str]) -> Faults:
             faults = replace(faults, regulator=(*faults.regulator, fault))
         elif instrument == "valves":
             faults = replace(faults, valves=(*faults.valves, fault))
+        elif instrument == "gauge":
+            faults = replace(faults, gauge=(*faults.gauge, fault))
         else:
             faults = replace(faults, markers=(*faults.markers, fault))
     return faults
@@ -137,11 +160,12 @@ def _number(text: str, what: Argument, value_text: str) -> float:
         value = float(value_text)
     except ValueError:
         value = math.nan
-    lowest = 1.0 if what == "channel" else 0.0
-    whole = what in ("seconds", "psi") or value.is_integer()
+    lowest = -math.inf if what in _SIGNED else {"channel": 1.0, "factor": 0.1}.get(what, 0.0)
+    whole = what not in _WHOLE or value.is_integer()
     if not math.isfinite(value) or value < lowest or not whole:
-        kind = "a number" if what in ("seconds", "psi") else "a whole number"
-        raise BadInput(f"fault {text!r}: {what} is {value_text!r}; it must be {kind} of at least {lowest:g}")
+        kind = "a whole number" if what in _WHOLE else "a number"
+        least = "" if what in _SIGNED else f" of at least {lowest:g}"
+        raise BadInput(f"fault {text!r}: {what} is {value_text!r}; it must be {kind}{least}")
     return value
 
 

@@ -182,6 +182,21 @@ class AlicatAscii:
             )
         return reading
 
+    def tare(self, timeout_s: float | None = None) -> PressureReading:
+        """Tare the gauge pressure (`P`; `TP` where that is not known); returns a reading from after it.
+
+        The manual of the PC series has `P`, the serial primer and the client alicatlib `TP`.
+
+        Raises:
+            InstrumentRefused: the device knows neither.
+            NoAnswer, GarbledReply, LinkDown: as `read`; the tare may have been done.
+        """
+        deadline = self._deadline(timeout_s)
+        self._bound(deadline)
+        if self._optional(lambda part: self._frame("P", part), deadline) is None:
+            self._frame("TP", deadline)
+        return self._poll(deadline)
+
     def setpoint_source(self, timeout_s: float | None = None) -> Literal["serial", "analog"] | None:
         """Where the device takes its setpoint from (`LSS`); None where the firmware does not report it.
 

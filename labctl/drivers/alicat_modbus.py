@@ -22,6 +22,8 @@ SETPOINT = 1009
 STATUS = 1200
 READING_REGISTERS = 6
 
+TARE_COMMAND = 4
+TARE_PRESSURE = 0
 VALVE_COMMAND = 6
 CANCEL_HOLD = 0
 EXHAUST = 3
@@ -166,6 +168,17 @@ class AlicatModbus:
                 "cancel it at the device"
             )
         return reading
+
+    def tare(self, timeout_s: float | None = None) -> PressureReading:
+        """Tare the gauge pressure (command 4, argument 0); returns a reading from after it.
+
+        Raises:
+            InstrumentRefused: the device refused the command.
+            NoAnswer, GarbledReply, LinkDown: as `read`; the tare may have been done.
+        """
+        deadline = self._deadline(timeout_s)
+        self._command(TARE_COMMAND, TARE_PRESSURE, deadline)
+        return self._read(deadline)
 
     def close(self) -> None:
         """Give the link back; may be called twice."""

@@ -36,6 +36,10 @@ class PressureRegulator(Protocol):
         """Return from hold or exhaust to closed-loop control and read back that neither is left."""
         ...
 
+    def tare(self, timeout_s: float | None = None) -> PressureReading:
+        """Call the present pressure 0; returns a reading from after it, which the caller must judge."""
+        ...
+
     def close(self) -> None:
         """Give the link back; may be called twice."""
         ...

@@ -1,4 +1,8 @@
-"""A rig's three instruments, opened, identified and closed together; nothing is energised here."""
+"""A rig's instruments, opened, identified and closed together; nothing is energised here.
+
+Opening looks at what is known to be zero: the gauge of a rig that is vented. Only an open way out shows it, since a
+regulator in control steers its own reading to 0, true or not; so the exhaust is opened where it is shut.
+"""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -13,6 +17,7 @@ from labctl.instruments.readings import Identity, PressureReading
 from labctl.links.wires import Wires
 from labctl.rig.marker_feed import MarkerFeed
 from labctl.safety.safe_state import SETPOINT_ZERO_PSI, make_safe
+from labctl.safety.zero import wait_for_zero, zero_problem
 from labctl.stop import StopRequest
 
 
@@ -34,10 +39,12 @@ class RigInstruments:
 
     A rig that is found with pressure, a setpoint or valves on was left so by something else: it is taken to
     SAFE before anything else is done. Frames are stamped by `clock`, the rig's; all else is timed by the wall's.
+    `zero_psi` is what the gauge read with the way out open, the mean of half a second.
 
     Raises:
         Unsafe: it was found energised and SAFE could not be read back.
-        RigUnavailable: one is absent, silent, or not what rig.toml states; nothing was energised.
+        RigUnavailable: one is absent, silent, or not what rig.toml states, or the gauge does not read 0 where the
+            pressure must be 0; nothing was energised.
         Stopped: the operator requested a stop while they were being opened.
     """
 
@@ -62,6 +69,7 @@ class RigInstruments:
                 if found:
                     notify(f"{config.name} was found energised ({found}): taking it to SAFE")
                     _make_safe(self.regulator, self.valves, config, scheduler)
+                self.zero_psi = _look_at_zero(self.regulator, config, clock, stop)
                 markers = open_markers(config.markers, scheduler, clock, wires)
                 opened.callback(markers.close)
                 stop.check()
@@ -108,8 +116,33 @@ def _make_safe(
         clock=scheduler,
         scheduler=scheduler,
     )
+    if report.only_zero_is_off:
+        raise InstrumentError(f"{config.regulator.name}: {report.describe()}")
     if not report.safe:
         raise Unsafe(f"{config.name} was found energised: {report.describe()}")
+
+
+def _look_at_zero(regulator: PressureRegulator, config: RigConfig, clock: Clock, stop: StopRequest) -> float:
+    """What the gauge reads with the way out open, in psi.
+
+    Raises:
+        InstrumentError: it is not 0, from either side; with the causes.
+        Stopped: the operator requested a stop.
+    """
+    stop.check()
+    if regulator.can_exhaust and not regulator.read().exhausting:
+        regulator.exhaust()
+
+    def read() -> PressureReading:
+        stop.check()
+        return regulator.read()
+
+    reading = wait_for_zero(read, config.limits, clock)
+    assert reading is not None  # noqa: S101 - `read` raises where it cannot
+    problem = zero_problem(reading.gauge_psi, config.limits)
+    if problem is not None:
+        raise InstrumentError(f"{config.regulator.name}: {problem}")
+    return reading.gauge_psi
 
 
 def _require_as_configured(regulator: Identity, config: RigConfig) -> None:
