@@ -67,7 +67,7 @@ def _tare(config: "RigConfig", stop: "StopRequest") -> tuple["Tared", dict[str, 
     """
     from labctl.cli.outcome import Outcome
     from labctl.clock import rig_clock
-    from labctl.drivers.opening import open_regulator, open_valves
+    from labctl.drivers.opening import open_gauge, open_regulator, open_valves
     from labctl.errors import InstrumentError, ReadBackMismatch, RigUnavailable
     from labctl.safety.tare import tare_at_rest
 
@@ -78,6 +78,10 @@ def _tare(config: "RigConfig", stop: "StopRequest") -> tuple["Tared", dict[str, 
             opened.callback(regulator.close)
             valves = open_valves(config.valves, platform.scheduler, platform.wires)
             opened.callback(valves.close)
+            second = None
+            if config.gauge is not None:
+                second = open_gauge(config.gauge, config.limits, platform.scheduler, platform.wires)
+                opened.callback(second.close)
             identity = regulator.identify()
             tared = tare_at_rest(
                 regulator,
@@ -86,6 +90,7 @@ def _tare(config: "RigConfig", stop: "StopRequest") -> tuple["Tared", dict[str, 
                 dump_channel=config.valves.dump_channel,
                 clock=rig_clock(config.speed, platform.scheduler),
                 check=stop.check,
+                second=second,
             )
     except ReadBackMismatch:
         raise

@@ -37,6 +37,20 @@ class RegulatorConfig:
 
 
 @dataclass(frozen=True)
+class GaugeConfig:
+    """A second gauge of the sheet's pressure, which is read and never written to; the keys are the regulator's."""
+
+    name: str
+    driver: Literal["alicat-ascii", "alicat-modbus"]
+    port: str
+    baudrate: int
+    unit_id: str
+    device_id: int
+    pressure_unit: PressureUnit
+    timeout_s: float
+
+
+@dataclass(frozen=True)
 class ValvesConfig:
     """A bank of relays that switch the vacuum valves; channels count from 1, as printed on the board.
 
@@ -109,6 +123,7 @@ class Limits:
     follow_within_psi: float = 1.0
     follow_timeout_s: float = 5.0
     tare_within_psi: float = 0.5
+    gauge_agreement_psi: float = 0.25
 
     @property
     def zero_within_psi(self) -> float:
@@ -168,7 +183,10 @@ class MeasurementConfig:
 
 @dataclass(frozen=True)
 class RigConfig:
-    """One rig. `speed` is how fast its time runs against the wall's: 1 for real instruments, always."""
+    """One rig. `speed` is how fast its time runs against the wall's: 1 for real instruments, always.
+
+    `gauge` is a second gauge, None where there is none.
+    """
 
     name: str
     source: str
@@ -179,3 +197,4 @@ class RigConfig:
     markers: MarkersConfig
     limits: Limits
     measurement: MeasurementConfig
+    gauge: GaugeConfig | None = None

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from labctl.clock import Clock
 from labctl.doubles.chamber import Mode
 from labctl.doubles.faults import FaultPanel
-from labctl.doubles.plant import Plant, PlantState
+from labctl.doubles.plant import PlantState, Pneumatics
 
 STREAMING_ID = "@"
 #: The legacy integer setpoint that means full scale.
@@ -43,7 +43,7 @@ class AlicatAscii:
     setpoint source "A" (analog) a setpoint is answered by an ordinary frame and not taken over.
     """
 
-    def __init__(self, plant: Plant, faults: FaultPanel, clock: Clock, unit_id: str = "A") -> None:
+    def __init__(self, plant: Pneumatics, faults: FaultPanel, clock: Clock, unit_id: str = "A") -> None:
         self._plant = plant
         self._faults = faults
         self._clock = clock

@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +68,36 @@ def sensor_error(faults: FaultPanel) -> SensorError:
         drift_psi_per_s=drift.value if drift else 0.0,
         gain=gain.value if gain else 1.0,
     )
+
+
+class Pneumatics(Protocol):
+    """What a pressure device stands on: the plant, or a gauge that is only tapped into it."""
+
+    @property
+    def settings(self) -> PlantSettings:
+        """What the plant is built of."""
+        ...
+
+    @property
+    def full_scale_psi(self) -> float:
+        """The device's range."""
+        ...
+
+    def state(self) -> PlantState:
+        """The state now."""
+        ...
+
+    def write_setpoint(self, setpoint_psi: float) -> None:
+        """Take over a setpoint."""
+        ...
+
+    def switch_mode(self, mode: Mode) -> None:
+        """Hold, exhaust or control."""
+        ...
+
+    def tare(self) -> None:
+        """Call the present pressure zero, whatever it is."""
+        ...
 
 
 class Plant:

@@ -26,6 +26,7 @@ TARE_COMMAND = 4
 TARE_PRESSURE = 0
 VALVE_COMMAND = 6
 CANCEL_HOLD = 0
+HOLD_CLOSED = 1
 EXHAUST = 3
 
 STATUS_BITS = {6: "POV", 8: "HLD", 9: "ADC", 10: "EXH", 11: "OPL"}
@@ -166,6 +167,24 @@ class AlicatModbus:
             raise ReadBackMismatch(
                 f"{self.name}: hold was cancelled and the device still reports {sorted(reading.status)}; "
                 "cancel it at the device"
+            )
+        return reading
+
+    def hold_closed(self, timeout_s: float | None = None) -> PressureReading:
+        """Shut the valves (command 6, argument 1) and read HLD back. This is no vent: what is in the sheet stays.
+
+        Raises:
+            InstrumentRefused: the device refused the command.
+            ReadBackMismatch: the device does not report HLD.
+            NoAnswer, GarbledReply, LinkDown: as `read`; the valves may have shut.
+        """
+        deadline = self._deadline(timeout_s)
+        self._command(VALVE_COMMAND, HOLD_CLOSED, deadline)
+        reading = self._read_back(lambda it: it.holding, deadline)
+        if not reading.holding:
+            raise ReadBackMismatch(
+                f"{self.name}: its valves were commanded shut and HLD was not read back (status "
+                f"{sorted(reading.status)}); check the model"
             )
         return reading
 

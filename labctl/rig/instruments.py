@@ -1,7 +1,7 @@
 """A rig's instruments, opened, identified and closed together; nothing is energised here.
 
-Opening looks at what is known to be zero: the gauge of a rig that is vented. Only an open way out shows it, since a
-regulator in control steers its own reading to 0, true or not; so the exhaust is opened where it is shut.
+Opening looks at what is known to be zero: the gauge of a rig that is vented. A regulator in control steers its own
+reading to 0, true or not; so the exhaust is opened for it or, where there is none, the regulator shut meanwhile.
 """
 
 from collections.abc import Callable
@@ -10,14 +10,15 @@ from dataclasses import dataclass
 
 from labctl.clock import Clock, Scheduler
 from labctl.config.rig import RigConfig
-from labctl.drivers.opening import open_markers, open_regulator, open_valves
+from labctl.drivers.opening import open_gauge, open_markers, open_regulator, open_valves
 from labctl.errors import InstrumentError, LabError, RigUnavailable, Unsafe
-from labctl.instruments.interfaces import PressureRegulator, ValveBank
+from labctl.instruments.interfaces import PressureGauge, PressureRegulator, ValveBank
 from labctl.instruments.readings import Identity, PressureReading
 from labctl.links.wires import Wires
 from labctl.rig.marker_feed import MarkerFeed
 from labctl.safety.safe_state import SETPOINT_ZERO_PSI, make_safe
-from labctl.safety.zero import wait_for_zero, zero_problem
+from labctl.safety.second_gauge import SecondGauge
+from labctl.safety.zero import GaugeSection, no_gas_in, wait_for_zero, zero_problem
 from labctl.stop import StopRequest
 
 
@@ -28,14 +29,16 @@ class Identities:
     regulator: Identity
     valves: Identity
     markers: Identity
+    gauge: Identity | None = None
 
     def by_instrument(self) -> dict[str, Identity]:
         """Each by the name of its section in rig.toml."""
-        return {"regulator": self.regulator, "valves": self.valves, "markers": self.markers}
+        three = {"regulator": self.regulator, "valves": self.valves, "markers": self.markers}
+        return three if self.gauge is None else {**three, "gauge": self.gauge}
 
 
 class RigInstruments:
-    """Regulator, valve bank and marker stream of one rig, each of which has identified itself.
+    """Regulator, valve bank, marker stream and any second gauge of one rig; each has identified itself.
 
     A rig that is found with pressure, a setpoint or valves on was left so by something else: it is taken to
     SAFE before anything else is done. Frames are stamped by `clock`, the rig's; all else is timed by the wall's.
@@ -70,11 +73,14 @@ class RigInstruments:
                     notify(f"{config.name} was found energised ({found}): taking it to SAFE")
                     _make_safe(self.regulator, self.valves, config, scheduler)
                 self.zero_psi = _look_at_zero(self.regulator, config, clock, stop)
+                self.second_gauge, gauge_identity = self._open_gauge(config, scheduler, wires, clock, stop)
+                if self.second_gauge is not None:
+                    opened.callback(self.second_gauge.close)
                 markers = open_markers(config.markers, scheduler, clock, wires)
                 opened.callback(markers.close)
                 stop.check()
                 self.identities = Identities(
-                    self.regulator.identify(), self.valves.identify(), markers.identify()
+                    self.regulator.identify(), self.valves.identify(), markers.identify(), gauge_identity
                 )
                 _require_as_configured(self.identities.regulator, config)
                 markers.start()
@@ -84,6 +90,21 @@ class RigInstruments:
             opened.callback(self.feed.close)
             self.feed.start()
             self._opened = opened.pop_all()
+
+    def _open_gauge(
+        self, config: RigConfig, scheduler: Scheduler, wires: Wires, clock: Clock, stop: StopRequest
+    ) -> tuple[SecondGauge | None, Identity | None]:
+        """The second gauge, at zero as the first one; the exhaust is open."""
+        if config.gauge is None:
+            return None, None
+        gauge = open_gauge(config.gauge, config.limits, scheduler, wires)
+        try:
+            identity = gauge.identify()
+            limits = config.limits.for_zero(_read_zero(gauge, "gauge", config, clock, stop))
+        except BaseException:
+            gauge.close()
+            raise
+        return SecondGauge(gauge, self.regulator.name, limits, clock, scheduler), identity
 
     def close(self, notify: Callable[[str], None]) -> None:
         """Give every link back; `notify` gets what fails on the way. May be called twice."""
@@ -130,18 +151,24 @@ def _look_at_zero(regulator: PressureRegulator, config: RigConfig, clock: Clock,
         Stopped: the operator requested a stop.
     """
     stop.check()
-    if regulator.can_exhaust and not regulator.read().exhausting:
-        regulator.exhaust()
+    with no_gas_in(regulator):
+        return _read_zero(regulator, "regulator", config, clock, stop)
+
+
+def _read_zero(
+    gauge: PressureGauge, section: GaugeSection, config: RigConfig, clock: Clock, stop: StopRequest
+) -> float:
+    """What a gauge of a vented rig reads, in psi; raises as `_look_at_zero`."""
 
     def read() -> PressureReading:
         stop.check()
-        return regulator.read()
+        return gauge.read()
 
     reading = wait_for_zero(read, config.limits, clock)
     assert reading is not None  # noqa: S101 - `read` raises where it cannot
-    problem = zero_problem(reading.gauge_psi, config.limits)
+    problem = zero_problem(reading.gauge_psi, config.limits, section=section)
     if problem is not None:
-        raise InstrumentError(f"{config.regulator.name}: {problem}")
+        raise InstrumentError(f"{gauge.name}: {problem}")
     return reading.gauge_psi
 
 

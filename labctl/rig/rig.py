@@ -19,6 +19,7 @@ from labctl.rig.recorder import Recorder, errors_to_recorder
 from labctl.rig.trace import PressureTrace
 from labctl.safety.safe_state import SafeReport
 from labctl.safety.supervisor import Supervisor
+from labctl.safety.witness import Witness
 from labctl.safety.zero import zero_problem
 from labctl.stop import StopRequest
 
@@ -95,6 +96,7 @@ class Rig:
             clock=self.clock,
             guard=self._guard,
             notify=notify,
+            witnesses=self._witnesses(),
         )
         self._supervisor.start()
 
@@ -314,6 +316,14 @@ class Rig:
         else:
             self._guard.release()
         return report
+
+    def _witnesses(self) -> tuple[Witness, ...]:
+        """Who may contradict the regulator's gauge, at work from here on."""
+        second = self._instruments.second_gauge
+        if second is None:
+            return ()
+        second.start()
+        return (second,)
 
     def _require_true(self, setpoint_psi: float) -> None:
         """Refuse a setpoint by which this gauge, as its zero reads, would let the sheet go above the limit."""

@@ -6,13 +6,18 @@ sucked, by the gauge alone: the words name all causes.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from statistics import fmean
+from typing import Literal
 
 from labctl.clock import Clock
 from labctl.config.rig import Limits
+from labctl.instruments.interfaces import PressureRegulator
 from labctl.instruments.readings import PressureReading, in_band
+
+GaugeSection = Literal["regulator", "gauge"]
 
 _POLL_S = 0.05
 _REST_S = 0.5
@@ -20,20 +25,21 @@ _REST_S = 0.5
 _FEWEST_READINGS = 5
 # Ten times a gauge's noise.
 _REST_SPAN_PSI = 0.05
-# Between the means of two quarters of a second: a slow fall would make the mean a false zero.
+# Between the means of two halves: a slow fall would make the mean a false zero.
 _REST_FALL_PSI = 0.015
 
 
 class RestingGauge:
-    """The readings of the last half second, to see whether the pressure is at rest, and where."""
+    """The readings of the last `rest_s`, to see whether the pressure is at rest, and where."""
 
-    def __init__(self) -> None:
+    def __init__(self, rest_s: float = _REST_S) -> None:
+        self._rest_s = rest_s
         self._seen: deque[tuple[float, float]] = deque()
 
     def take(self, gauge_psi: float, now_s: float) -> None:
         """One more reading."""
         self._seen.append((now_s, gauge_psi))
-        while len(self._seen) > _FEWEST_READINGS and now_s - self._seen[1][0] >= _REST_S:
+        while len(self._seen) > _FEWEST_READINGS and now_s - self._seen[1][0] >= self._rest_s:
             self._seen.popleft()
 
     @property
@@ -43,13 +49,35 @@ class RestingGauge:
 
     @property
     def at_rest(self) -> bool:
-        """The pressure has stood still for half a second, by at least five readings."""
+        """The pressure has stood still for `rest_s`, by at least five readings."""
         readings = [psi for _, psi in self._seen]
-        if len(readings) < _FEWEST_READINGS or self._seen[-1][0] - self._seen[0][0] < _REST_S:
+        if len(readings) < _FEWEST_READINGS or self._seen[-1][0] - self._seen[0][0] < self._rest_s:
             return False
         half = len(readings) // 2
         fell_psi = abs(fmean(readings[:half]) - fmean(readings[half:]))
         return max(readings) - min(readings) <= _REST_SPAN_PSI and fell_psi <= _REST_FALL_PSI
+
+
+@contextmanager
+def no_gas_in(regulator: PressureRegulator) -> Iterator[None]:
+    """Inside, a vented sheet is at 0: the exhaust is open or, where there is none, the regulator's valves are shut.
+
+    A regulator in control lets in, even against an open dump valve, what its gauge lacks. One that was shut controls
+    again at the end, at the setpoint that it has.
+
+    Raises:
+        InstrumentError: the valves could not be moved, or not be read back.
+    """
+    if regulator.can_exhaust:
+        if not regulator.read().exhausting:
+            regulator.exhaust()
+        yield
+        return
+    regulator.hold_closed()
+    try:
+        yield
+    finally:
+        regulator.cancel_hold()
 
 
 def watch_gauge(
@@ -57,14 +85,15 @@ def watch_gauge(
     enough: Callable[[RestingGauge], bool],
     timeout_s: float,
     clock: Clock,
+    rest_s: float = _REST_S,
 ) -> tuple[PressureReading | None, RestingGauge]:
     """Read until it is `enough`, for `timeout_s` at most; the last reading, None once the gauge cannot be read.
 
-    The reading's pressure is the mean of half a second: while gas flows out, the port reads below the sheet, and a
-    single reading is noise.
+    The reading's pressure is the mean of the last `rest_s`: while gas flows out, the port reads below the sheet, and
+    a single reading is noise.
     """
     end_s = clock.now_s() + timeout_s
-    gauge = RestingGauge()
+    gauge = RestingGauge(rest_s)
     while True:
         reading = read()
         now_s = clock.now_s()
@@ -87,12 +116,17 @@ def wait_for_zero(
     return watch_gauge(read, at_zero, limits.vent_timeout_s, clock)[0]
 
 
-def zero_problem(gauge_psi: float, limits: Limits) -> str | None:
-    """What it means that a gauge reads this with setpoint 0 and the way out open; None where it reads 0."""
+def zero_problem(gauge_psi: float, limits: Limits, *, section: GaugeSection = "regulator") -> str | None:
+    """What it means that a gauge reads this with setpoint 0 and the way out open; None where it reads 0.
+
+    `section` is that of the gauge in rig.toml.
+    """
     limit_psi = limits.zero_within_psi
     if in_band(gauge_psi, 0.0, limit_psi):
         return None
-    if abs(gauge_psi) <= limits.tare_within_psi:
+    if section == "gauge":
+        tare = "tare the gauge at its own panel, because labctl writes nothing to it"
+    elif abs(gauge_psi) <= limits.tare_within_psi:
         tare = "tare the gauge: labctl tare --rig FILE"
     else:
         tare = (
@@ -107,7 +141,7 @@ def zero_problem(gauge_psi: float, limits: Limits) -> str | None:
     else:
         meaning = (
             f"the gauge's zero is off (a sheet would hold {-gauge_psi:.2f} psi more than is read), or a vacuum "
-            "reaches the sheet, or regulator.pressure_unit is not the device's. "
+            f"reaches the sheet, or {section}.pressure_unit is not the device's. "
             f"With the tube open to the room, {tare}"
         )
     untrue = ""
