@@ -13,7 +13,9 @@ from labctl.clock import Clock
 from labctl.errors import BadInput
 
 Instrument = Literal["regulator", "valves", "markers"]
-Argument = Literal["", "seconds", "psi", "count", "channel"]
+Argument = Literal["", "seconds", "psi", "psi-per-second", "count", "channel"]
+
+_NUMBERS: tuple[Argument, ...] = ("seconds", "psi", "psi-per-second")
 
 _ANY_REPLY: dict[str, Argument] = {
     "silent": "",
@@ -36,10 +38,21 @@ ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
                 "overpressure": "",
                 "frozen-sensor": "",
                 "low-sensor": "",
+                "jittering-sensor": "",
+                "drifting-sensor": "psi-per-second",
+                "following-sensor": "",
+                "low-supply": "psi",
+                "frozen-answer": "",
             }
         ),
         "valves": MappingProxyType(
-            {**_ANY_REPLY, "wrong-address": "", "stuck-coils": "", "stuck-coil": "channel"}
+            {
+                **_ANY_REPLY,
+                "wrong-address": "",
+                "stuck-coils": "",
+                "stuck-coil": "channel",
+                "frozen-answer": "",
+            }
         ),
         "markers": MappingProxyType({**_ANY_REPLY, "blind": ""}),
     }
@@ -56,7 +69,10 @@ class Fault:
     (the reply carries another device's address, all else intact).
     Regulator: `stuck-setpoint` (accepted, never taken over); `ignored-setpoint` (the setpoint source is
     analog); `stuck-exhaust` (EXH is reported, the valve stays shut); `overpressure` (the inlet sticks open);
-    `frozen-sensor`, `low-sensor` (the reading stays, or is -2 psi; the controller opens its inlet for it).
+    `frozen-sensor`, `low-sensor` (the reading stays, or is -2 psi; the controller opens its inlet for it);
+    `jittering-sensor` (it stays but for a digit); `drifting-sensor` (it falls behind by `value` psi a second);
+    `following-sensor` (it is the setpoint, whatever the truth); `low-supply` (the supply has `value` psi).
+    Regulator and valves: `frozen-answer` (whatever is asked, the answer is the last one; orders are obeyed).
     Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only).
     Markers: `blind` (every marker occluded).
 
@@ -138,9 +154,9 @@ def _number(text: str, what: Argument, value_text: str) -> float:
     except ValueError:
         value = math.nan
     lowest = 1.0 if what == "channel" else 0.0
-    whole = what in ("seconds", "psi") or value.is_integer()
+    whole = what in _NUMBERS or value.is_integer()
     if not math.isfinite(value) or value < lowest or not whole:
-        kind = "a number" if what in ("seconds", "psi") else "a whole number"
+        kind = "a number" if what in _NUMBERS else "a whole number"
         raise BadInput(f"fault {text!r}: {what} is {value_text!r}; it must be {kind} of at least {lowest:g}")
     return value
 
@@ -193,6 +209,7 @@ class LineFaults:
         self._rng = rng
         self._lock = threading.Lock()
         self._answered = 0
+        self._answer: bytes | None = None
         self.dead = False
 
     def deliver(self, reply: bytes, readdressed: bytes | None = None, count: int = 1) -> Delivery:
@@ -206,6 +223,9 @@ class LineFaults:
             self._count(count)
             if self.dead or self.panel.active("silent"):
                 return Delivery(due_s, b"")
+            if self._answer is not None and self.panel.active("frozen-answer"):
+                reply = self._answer
+            self._answer = reply
             if readdressed is not None and self.panel.active("wrong-address"):
                 reply = readdressed
             if self.panel.active("truncated"):

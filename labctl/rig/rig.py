@@ -18,6 +18,7 @@ from labctl.rig.platform import SYSTEM, Platform
 from labctl.rig.recorder import Recorder, errors_to_recorder
 from labctl.rig.trace import PressureTrace
 from labctl.safety.safe_state import SafeReport
+from labctl.safety.sheet_witness import SheetWitness
 from labctl.safety.supervisor import Supervisor
 from labctl.stop import StopRequest
 
@@ -76,6 +77,7 @@ class Rig:
             self._guard.stand_down()
             raise
         self.identities = self._instruments.identities
+        self._sheet_witness = SheetWitness(config.markers, config.limits, platform.scheduler)
         self._supervisor = Supervisor(
             self._instruments.regulator,
             self._instruments.valves,
@@ -85,7 +87,10 @@ class Rig:
             clock=self.clock,
             guard=self._guard,
             notify=notify,
+            witnesses=(self._sheet_witness,),
         )
+        self._witnessing = ExitStack()
+        self._witnessing.enter_context(self._instruments.feed.observing(self._sheet_witness.take))
         self._supervisor.start()
 
     def __enter__(self) -> "Rig":
@@ -172,7 +177,12 @@ class Rig:
         return on
 
     def start_control(self) -> None:
-        """End hold and exhaust at setpoint 0, so that the regulator follows its setpoint again."""
+        """End hold and exhaust at setpoint 0, so that the regulator follows its setpoint again.
+
+        Raises:
+            InstrumentError: no marker is seen, and without them nobody would see a gauge that froze.
+        """
+        self._require_witness()
         with self._supervisor.energising(self.check):
             self._instruments.regulator.write_setpoint(0.0)
             reading = self._instruments.regulator.cancel_hold()
@@ -285,12 +295,23 @@ class Rig:
         report = self.make_safe()
         self._closed = True
         self._supervisor.stop()
+        self._witnessing.close()
         self._instruments.close(self._notify)
         if report.safe:
             self._guard.stand_down()
         else:
             self._guard.release()
         return report
+
+    def _require_witness(self) -> None:
+        """Wait until the markers are seen: a stream that has just begun has shown none yet."""
+        end_s = self._wall.now_s() + self.config.limits.unseen_after_s
+        while (absence := self._sheet_witness.absence()) is not None:
+            self.check()
+            self._supervisor.beat()
+            if self._wall.now_s() > end_s:
+                raise InstrumentError(f"{absence}. Nothing was pressurised")
+            self._wall.sleep(_LOOK_S)
 
     def _require_flow(self, frames: int, seconds: float) -> None:
         """Refuse a window of a stream that stalled: few samples are not a short measurement."""
