@@ -105,7 +105,11 @@ class MarkersConfig:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the rig may do, and when the supervisor ends it."""
+    """What the rig may do, and when the supervisor ends it.
+
+    `rest_within_psi` is what the regulator leaves between reading and setpoint when it is at rest. `sheet_response_s` is the longest time constant with which a sheet follows its pressure, `sheet_creep` the
+    share of its rise by which it creeps on in each tenfold of time.
+    """
 
     max_pressure_psi: float = 4.0
     warn_pressure_psi: float = 4.1
@@ -122,6 +126,11 @@ class Limits:
     vent_timeout_s: float = 10.0
     follow_within_psi: float = 1.0
     follow_timeout_s: float = 5.0
+    rest_within_psi: float = 0.03
+    still_after_s: float = 0.75
+    sheet_response_s: float = 1.8
+    sheet_creep: float = 0.05
+    unseen_after_s: float = 1.0
     tare_within_psi: float = 0.5
     gauge_agreement_psi: float = 0.25
 

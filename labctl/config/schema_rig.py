@@ -39,6 +39,11 @@ LOWEST_AGREEMENT_PSI, HIGHEST_AGREEMENT_PSI = 0.05, 1.0
 # What a marker feed holds at 960 Hz.
 LONGEST_CAPTURE_S = 60.0
 LONGEST_STALE_S = 2.0
+# A regulator that leaves more at rest controls nothing.
+HIGHEST_REST_PSI = 0.5
+# Longer, and a pressure that nobody reads has climbed too far.
+LONGEST_STILL_S = 5.0
+LONGEST_RESPONSE_S = 60.0
 # The supervisor looks every 50 ms, and an exchange takes some.
 SHORTEST_WATCH_S = 0.2
 LOWEST_FREQUENCY_HZ = 10.0
@@ -247,6 +252,19 @@ class LimitsSection(Section):
     )
     follow_within: Pressure = Limits.follow_within_psi
     follow_timeout: Duration = Limits.follow_timeout_s
+    rest_within: Annotated[
+        float, PlainValidator(Quantity(PRESSURE, Range(0, HIGHEST_REST_PSI, above_low=True)))
+    ] = Limits.rest_within_psi
+    still_after: Annotated[
+        float, PlainValidator(Quantity(DURATION, Range(SHORTEST_WATCH_S, LONGEST_STILL_S)))
+    ] = Limits.still_after_s
+    sheet_response: Annotated[
+        float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_RESPONSE_S, above_low=True)))
+    ] = Limits.sheet_response_s
+    sheet_creep: Annotated[float, PlainValidator(Number(Range(0, 0.5)))] = Limits.sheet_creep
+    unseen_after: Annotated[
+        float, PlainValidator(Quantity(DURATION, Range(SHORTEST_WATCH_S, LONGEST_STALE_S)))
+    ] = Limits.unseen_after_s
     tare_within: Annotated[
         float, PlainValidator(Quantity(PRESSURE, Range(0, HIGHEST_TARE_PSI, above_low=True)))
     ] = Limits.tare_within_psi
@@ -283,6 +301,11 @@ class LimitsSection(Section):
             vent_timeout_s=self.vent_timeout,
             follow_within_psi=self.follow_within,
             follow_timeout_s=self.follow_timeout,
+            rest_within_psi=self.rest_within,
+            still_after_s=self.still_after,
+            sheet_response_s=self.sheet_response,
+            sheet_creep=self.sheet_creep,
+            unseen_after_s=self.unseen_after,
             tare_within_psi=self.tare_within,
             gauge_agreement_psi=self.gauge_agreement,
         )

@@ -13,10 +13,10 @@ from labctl.clock import Clock
 from labctl.errors import BadInput
 
 Instrument = Literal["regulator", "valves", "markers", "gauge"]
-Argument = Literal["", "seconds", "psi", "count", "channel", "offset_psi", "psi_per_s", "factor"]
+Argument = Literal["", "seconds", "psi", "psi-per-second", "count", "channel", "offset", "drift", "factor"]
 
 # Those that may be negative.
-_SIGNED = frozenset({"offset_psi", "psi_per_s"})
+_SIGNED = frozenset({"offset", "drift"})
 _WHOLE = frozenset({"count", "channel"})
 
 _ANY_REPLY: dict[str, Argument] = {
@@ -29,8 +29,8 @@ _ANY_REPLY: dict[str, Argument] = {
 
 # A pressure sensor's own.
 _SENSOR: dict[str, Argument] = {
-    "offset": "offset_psi",
-    "drift": "psi_per_s",
+    "offset": "offset",
+    "drift": "drift",
     "gain": "factor",
     "frozen-sensor": "",
 }
@@ -48,10 +48,21 @@ ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
                 "stuck-exhaust": "",
                 "overpressure": "",
                 "low-sensor": "",
+                "jittering-sensor": "",
+                "drifting-sensor": "psi-per-second",
+                "following-sensor": "",
+                "low-supply": "psi",
+                "frozen-answer": "",
             }
         ),
         "valves": MappingProxyType(
-            {**_ANY_REPLY, "wrong-address": "", "stuck-coils": "", "stuck-coil": "channel"}
+            {
+                **_ANY_REPLY,
+                "wrong-address": "",
+                "stuck-coils": "",
+                "stuck-coil": "channel",
+                "frozen-answer": "",
+            }
         ),
         "markers": MappingProxyType({**_ANY_REPLY, "blind": ""}),
         "gauge": MappingProxyType({**_ANY_REPLY, **_SENSOR, "wrong-address": ""}),
@@ -69,7 +80,10 @@ class Fault:
     (the reply carries another device's address, all else intact).
     Regulator: `stuck-setpoint` (accepted, never taken over); `ignored-setpoint` (the setpoint source is
     analog); `stuck-exhaust` (EXH is reported, the valve stays shut); `overpressure` (the inlet sticks open);
-    `frozen-sensor`, `low-sensor` (the reading stays, or is -2 psi; the controller opens its inlet for it).
+    `frozen-sensor`, `low-sensor` (the reading stays, or is -2 psi; the controller opens its inlet for it);
+    `jittering-sensor` (it stays but for a digit); `drifting-sensor` (it falls behind by `value` psi a second);
+    `following-sensor` (it is the setpoint, whatever the truth); `low-supply` (the supply has `value` psi).
+    Regulator and valves: `frozen-answer` (whatever is asked, the answer is the last one; orders are obeyed).
     Regulator and second gauge: `offset` (reads `value` psi too much, too little where negative), `drift` (`value`
     psi more with each second from then on), `gain` (reads `value` times the pressure), `frozen-sensor`.
     Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only).
@@ -217,6 +231,7 @@ class LineFaults:
         self._rng = rng
         self._lock = threading.Lock()
         self._answered = 0
+        self._answer: bytes | None = None
         self.dead = False
 
     def deliver(self, reply: bytes, readdressed: bytes | None = None, count: int = 1) -> Delivery:
@@ -230,6 +245,9 @@ class LineFaults:
             self._count(count)
             if self.dead or self.panel.active("silent"):
                 return Delivery(due_s, b"")
+            if self._answer is not None and self.panel.active("frozen-answer"):
+                reply = self._answer
+            self._answer = reply
             if readdressed is not None and self.panel.active("wrong-address"):
                 reply = readdressed
             if self.panel.active("truncated"):

@@ -18,6 +18,7 @@ from labctl.doubles.sheet import Relaxation, RelaxingSheet, ShapeSource
 STEP_S = 0.005
 OBSERVED_EVERY = 10
 _CLOSE_TIMEOUT_S = 5.0
+_SENSORS: tuple[Sensor, ...] = ("low", "frozen", "jittering", "drifting", "following")
 
 
 @dataclass(frozen=True)
@@ -205,6 +206,8 @@ class Plant:
             exhaust_stuck=self._faults.active("stuck-exhaust") is not None,
             sensor=self._sensor(),
             error=sensor_error(self._faults),
+            drift_psi_per_s=drift.value if (drift := self._faults.active("drifting-sensor")) else 0.0,
+            supply_psi=supply.value if (supply := self._faults.active("low-supply")) else None,
         )
         self.highest_psi = max(self.highest_psi, self._chamber.pressure_psi)
         strain = self._design.sheet.strain_at(self._chamber.pressure_psi)
@@ -213,9 +216,7 @@ class Plant:
             self._observe(self._state())
 
     def _sensor(self) -> Sensor:
-        if self._faults.active("low-sensor"):
-            return "low"
-        return "frozen" if self._faults.active("frozen-sensor") else "true"
+        return next((sensor for sensor in _SENSORS if self._faults.active(f"{sensor}-sensor")), "true")
 
     def _state(self) -> PlantState:
         return PlantState(

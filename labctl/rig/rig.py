@@ -18,6 +18,7 @@ from labctl.rig.platform import SYSTEM, Platform
 from labctl.rig.recorder import Recorder, errors_to_recorder
 from labctl.rig.trace import PressureTrace
 from labctl.safety.safe_state import SafeReport
+from labctl.safety.sheet_witness import SheetWitness
 from labctl.safety.supervisor import Supervisor
 from labctl.safety.witness import Witness
 from labctl.safety.zero import zero_problem
@@ -87,6 +88,7 @@ class Rig:
                 f"{config.regulator.name} reads {self.zero_psi:.2f} psi at 0: the limits on its readings are as much "
                 f"lower, so that they hold for the true pressure (trip at {self._limits.trip_pressure_psi:.2f} psi)"
             )
+        self._sheet_witness = SheetWitness(config.markers, config.limits, platform.scheduler)
         self._supervisor = Supervisor(
             self._instruments.regulator,
             self._instruments.valves,
@@ -96,8 +98,10 @@ class Rig:
             clock=self.clock,
             guard=self._guard,
             notify=notify,
-            witnesses=self._witnesses(),
+            witnesses=(self._sheet_witness, *self._second_gauge()),
         )
+        self._witnessing = ExitStack()
+        self._witnessing.enter_context(self._instruments.feed.observing(self._sheet_witness.take))
         self._supervisor.start()
 
     def __enter__(self) -> "Rig":
@@ -186,7 +190,12 @@ class Rig:
         return on
 
     def start_control(self) -> None:
-        """End hold and exhaust at setpoint 0, so that the regulator follows its setpoint again."""
+        """End hold and exhaust at setpoint 0, so that the regulator follows its setpoint again.
+
+        Raises:
+            InstrumentError: no marker is seen, and without them nobody would see a gauge that froze.
+        """
+        self._require_witness()
         with self._supervisor.energising(self.check):
             self._instruments.regulator.write_setpoint(0.0)
             reading = self._instruments.regulator.cancel_hold()
@@ -309,6 +318,7 @@ class Rig:
         report = self.make_safe()
         self._closed = True
         self._supervisor.stop()
+        self._witnessing.close()
         self._instruments.close(self._notify)
         # Where only the gauge's zero is off, the guard could do no more, and would keep the port from a tare.
         if report.safe or report.only_zero_is_off:
@@ -317,8 +327,8 @@ class Rig:
             self._guard.release()
         return report
 
-    def _witnesses(self) -> tuple[Witness, ...]:
-        """Who may contradict the regulator's gauge, at work from here on."""
+    def _second_gauge(self) -> tuple[Witness, ...]:
+        """The second gauge, at work from here on; none where there is none."""
         second = self._instruments.second_gauge
         if second is None:
             return ()
@@ -334,6 +344,16 @@ class Rig:
                 f"{setpoint_psi - zero_psi:.2f} psi in the sheet, above limits.max_pressure = "
                 f"{limits.max_pressure_psi:g} psi; tare the gauge (labctl tare --rig FILE), or hold less"
             )
+
+    def _require_witness(self) -> None:
+        """Wait until the markers are seen: a stream that has just begun has shown none yet."""
+        end_s = self._wall.now_s() + self.config.limits.unseen_after_s
+        while (absence := self._sheet_witness.absence()) is not None:
+            self.check()
+            self._supervisor.beat()
+            if self._wall.now_s() > end_s:
+                raise InstrumentError(f"{absence}. Nothing was pressurised")
+            self._wall.sleep(_LOOK_S)
 
     def _require_flow(self, frames: int, seconds: float) -> None:
         """Refuse a window of a stream that stalled: few samples are not a short measurement."""

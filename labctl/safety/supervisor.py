@@ -23,6 +23,7 @@ from labctl.instruments.interfaces import PressureRegulator, ValveBank
 from labctl.instruments.readings import PressureReading, PressureSample
 from labctl.safety.guard import Guard
 from labctl.safety.safe_state import SafeReport, make_safe
+from labctl.safety.still_gauge import StillGauge
 from labctl.safety.trip_rules import (
     Expected,
     Mode,
@@ -88,6 +89,7 @@ class Supervisor:
         self._guard = guard
         self._notify = notify
         self._witnesses = tuple(witnesses)
+        self._still_gauge = StillGauge(limits, can_exhaust=regulator.can_exhaust)
         # Held while an instrument is written to, until `expect` has what must now be read: no poll falls between.
         self._bus: Lock = scheduler.lock()
         self._thread: Thread | None = None
@@ -272,6 +274,7 @@ class Supervisor:
             return None
         return (
             regulator_reason(reading, expected)
+            or self._still_gauge.judge(reading, expected, sample.came_s)
             or self._judge_lag(reading, expected)
             or self._hear_witnesses(sample, expected)
         )

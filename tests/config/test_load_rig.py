@@ -66,6 +66,11 @@ def test_every_limit_is_read_from_its_own_key(rig_file):
         "vent_timeout": 15.0,
         "follow_within": 1.5,
         "follow_timeout": 6.0,
+        "rest_within": 0.05,
+        "still_after": 1.5,
+        "sheet_response": 4.0,
+        "sheet_creep": 0.1,
+        "unseen_after": 1.75,
         "tare_within": 0.4,
         "gauge_agreement": 0.3,
     }

@@ -36,7 +36,7 @@ def test_a_gauge_may_be_off_in_either_direction():
         ("markers=late:nan", "seconds is 'nan'"),
         ("regulator=dies-after:2.5", "count is '2.5'; it must be a whole number"),
         ("valves=stuck-coil:0", "at least 1"),
-        ("regulator=offset:much", "offset_psi is 'much'; it must be a number$"),
+        ("regulator=offset:much", "offset is 'much'; it must be a number$"),
         ("regulator=gain:-1", "factor is '-1'; it must be a number of at least 0.1"),
         ("valves=offset:0.1", "valves has no fault 'offset'"),
         ("valves=silent@later", "seconds is 'later'"),

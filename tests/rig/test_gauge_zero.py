@@ -69,10 +69,10 @@ def test_one_within_the_tolerance_is_opened_and_told(rig_with, offset_psi):
 
 
 def test_the_trip_is_by_the_true_pressure(rig_with):
-    virtual = rig_with("regulator=offset:-0.09", "regulator=overpressure@2psi")
+    virtual = rig_with("regulator=offset:-0.09", "regulator=overpressure@3.9psi")
 
     with pytest.raises(Tripped, match="over-pressure"), open_rig(virtual) as rig:
-        pressurise(rig, 2.5)
+        pressurise(rig, 3.85)
         rig.wait(20)
 
     assert virtual.plant.highest_psi < 4.37
