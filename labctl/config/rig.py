@@ -107,8 +107,9 @@ class MarkersConfig:
 class Limits:
     """What the rig may do, and when the supervisor ends it.
 
-    `rest_within_psi` is what the regulator leaves between reading and setpoint when it is at rest. `sheet_response_s` is the longest time constant with which a sheet follows its pressure, `sheet_creep` the
-    share of its rise by which it creeps on in each tenfold of time.
+    `rest_within_psi` is what the regulator leaves between reading and setpoint when it is at rest. `sheet_response_s`
+    is the longest time constant with which a sheet follows its pressure, `sheet_creep` the share of its rise by which
+    it creeps on in each tenfold of time.
     """
 
     max_pressure_psi: float = 4.0

@@ -16,6 +16,8 @@ STEP_S = 0.05
 KEPT_S = 3.0
 FEWEST_MARKERS = 3
 
+# A marker that is farther off is another's, or none; the more time goes by, the farther it may be.
+_JUMP_MM, _FASTEST_MM_PER_S = 5.0, 50.0
 _QUARTILES_TO_SD = 1.349
 # Of a median beside a mean.
 _MEDIAN_SD = 1.25
@@ -43,6 +45,9 @@ class MarkerSteps:
     def __init__(self, ids: Sequence[int]) -> None:
         self._ids = tuple(ids)
         self._number: int | None = None
+        # NaN, as long as a marker was not seen, is no jump.
+        self._last_mm = np.full((len(self._ids), 3), np.nan)
+        self._last_s = np.zeros(len(self._ids))
         self._pending: list[tuple[float, float, Floats]] = []
         self.kept: deque[MarkerStep] = deque(maxlen=round(KEPT_S / STEP_S))
 
@@ -65,8 +70,9 @@ class MarkerSteps:
             return
         times_s, arrivals_s, places_mm = zip(*self._pending, strict=True)
         self._pending = []
+        time_s = float(np.mean(times_s))
         # NaN sorts last, so each marker's n samples are the first n.
-        ordered_mm = np.sort(np.array(places_mm), axis=0)
+        ordered_mm = np.sort(self._without_jumps(np.array(places_mm), time_s), axis=0)
         counts = np.isfinite(ordered_mm[:, :, 0]).sum(axis=0)
         middle_mm = (_rank(ordered_mm, (counts - 1) // 2) + _rank(ordered_mm, counts // 2)) / 2
         noise_mm = float("nan")
@@ -75,7 +81,15 @@ class MarkerSteps:
             spread_mm = _rank(ordered_mm, 3 * (counts - 1) // 4) - _rank(ordered_mm, (counts - 1) // 4)
             frame_mm = float(np.median(spread_mm[enough])) / _QUARTILES_TO_SD
             noise_mm = _MEDIAN_SD * frame_mm / float(np.sqrt(np.median(counts[enough])))
-        self.kept.append(MarkerStep(float(np.mean(times_s)), max(arrivals_s), middle_mm, noise_mm))
+        is_seen = counts > 0
+        self._last_mm[is_seen], self._last_s[is_seen] = middle_mm[is_seen], time_s
+        self.kept.append(MarkerStep(time_s, max(arrivals_s), middle_mm, noise_mm))
+
+    def _without_jumps(self, places_mm: Floats, time_s: float) -> Floats:
+        """Samples (k, m, 3), NaN where a marker is farther from where it was last than a sheet takes it."""
+        reach_mm = _JUMP_MM + _FASTEST_MM_PER_S * np.abs(time_s - self._last_s)
+        jumps = np.linalg.norm(places_mm - self._last_mm, axis=2) > reach_mm
+        return np.where(jumps[:, :, None], np.nan, places_mm)
 
 
 def _rank(ordered_mm: Floats, ranks: NDArray[np.int64]) -> Floats:

@@ -34,7 +34,7 @@ from labctl.safety.trip_rules import SETPOINT_TOLERANCE_PSI, Expected
 # Short, for what runs away; longer, for what creeps under the noise of the short one.
 _SHORT_S, _LONG_S = 0.5, (1.0, 2.0)
 _FEWEST_STEPS = round(_SHORT_S / STEP_S)
-# As many as the longest motion needs, and the first.
+# Beside the first, as many as the longest motion needs.
 _KEPT_SPEEDS = 10
 # Of the noise of a motion: beyond it, it is one.
 _NOISES = 5.0
@@ -207,7 +207,7 @@ def _with_speed(rest: _Rest, lately: list[MarkerStep], uninflated_mm: Floats) ->
     # Not slower than it may well have been.
     fast_mm = abs(moved.moved_mm) + _FEW_NOISES * moved.sd_mm
     first_mm = mean_distances_mm(newest, uninflated_mm) if rest.distances_mm is None else rest.distances_mm
-    speeds = (*rest.speeds[-_KEPT_SPEEDS:], _Speed(middle_s, fast_mm / moved.span_s))
+    speeds = (*rest.speeds[:1], *rest.speeds[1:][-_KEPT_SPEEDS:], _Speed(middle_s, fast_mm / moved.span_s))
     return replace(rest, speeds=speeds, distances_mm=first_mm)
 
 
@@ -221,7 +221,8 @@ def _motions(
         if len(lately) >= count and (moved := motion(lately[-count:], uninflated_mm)) is not None:
             yield moved, lately[-count].arrival_s, end_s
     if rest.distances_mm is not None:
-        first_s = rest.since_s + _SHORT_S / 2
+        first_s = rest.speeds[0].at_s
         moved = motion_between(rest.distances_mm, now_mm, first_s, lately[-_FEWEST_STEPS:])
-        if moved is not None:
-            yield moved, first_s, end_s - _SHORT_S / 2
+        # Not before the two have no step in common.
+        if moved is not None and moved.span_s >= _SHORT_S:
+            yield moved, first_s, first_s + moved.span_s

@@ -33,7 +33,7 @@ class LastDigit:
 class StillGauge:
     """Watches whether a reading comes nearer to its setpoint.
 
-    At rest a regulator leaves no more than `limits.rest_within_psi`, and half the gauge's last digit. Further away than
+    At rest a regulator leaves no more than `limits.rest_within_psi` and half the last digit. Further away than
     that, each `limits.still_after_s` must bring a reading that is nearer to the setpoint, by a digit, than any
     before: a gauge that only jitters brings none. A slow ramp is no exception, since a reading that follows it
     stays near.
