@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-rig interop clean
+.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-gauge bench-rig interop clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -39,6 +39,10 @@ bench-protocols: $(INSTALLED)  ## all five protocols on doubles at 20 times thei
 
 bench-kill: $(INSTALLED)  ## kill -9 at 200 random moments of a run: about half an hour
 	$(BIN)/python bench/kill_run.py
+
+bench-gauge: $(INSTALLED)  ## gauges that freeze, jitter, drift or are off, in virtual time: about 20 minutes
+	$(BIN)/python bench/gauge_faults.py
+	$(BIN)/python bench/gauge_offsets.py
 
 bench-rig: $(INSTALLED)  ## ingest, recording and the supervisor under 72 markers at 960 Hz, then beside four busy loops: about half an hour
 	$(BIN)/python bench/rig_load.py --busy 4 --out runs/bench/rig.json

@@ -26,7 +26,7 @@ def known_shapes():
     return simulated_shapes(DoublesSettings(load_design("known")), lambda _: None)
 
 
-class _Shared:
+class SharedShapes:
     """Shapes that outlive a rig."""
 
     def ladder(self, jammed):
@@ -76,7 +76,7 @@ class VirtualLabctl:
 
     def __init__(self, folder, *faults, change=lambda text: text, **settings):
         self.virtual = VirtualRig(
-            *faults, design=load_design("known"), shapes=_Shared(), change=change, **settings
+            *faults, design=load_design("known"), shapes=SharedShapes(), change=change, **settings
         )
         self.rig = folder / "virtual-rig.toml"
         self.rig.write_text(self.virtual.text)

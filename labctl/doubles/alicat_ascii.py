@@ -10,7 +10,7 @@ from collections.abc import Callable
 from labctl.clock import Clock
 from labctl.doubles.chamber import Mode
 from labctl.doubles.faults import FaultPanel
-from labctl.doubles.plant import Plant, PlantState
+from labctl.doubles.plant import PlantState, Pneumatics
 
 STREAMING_ID = "@"
 #: The legacy integer setpoint that means full scale.
@@ -44,7 +44,7 @@ class AlicatAscii:
     setpoint source "A" (analog) a setpoint is answered by an ordinary frame and not taken over.
     """
 
-    def __init__(self, plant: Plant, faults: FaultPanel, clock: Clock, unit_id: str = "A") -> None:
+    def __init__(self, plant: Pneumatics, faults: FaultPanel, clock: Clock, unit_id: str = "A") -> None:
         self._plant = plant
         self._faults = faults
         self._clock = clock
@@ -84,6 +84,7 @@ class AlicatAscii:
             "C": lambda: self._switch(Mode.CONTROL),
             "E": self._exhaust,
             "P": self._tare,
+            "TP": self._tare,
             "VE": lambda: f"{self.unit_id}   {FIRMWARE} Jan  9 2025,15:04:07{_CR}",
             "??D*": lambda: self._table(self._layout()),
             "??M*": lambda: self._table(self._manufacturer()),

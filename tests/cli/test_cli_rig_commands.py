@@ -63,7 +63,7 @@ def test_the_doctor_finds_every_instrument_and_energises_nothing(lab):
     assert answering >= {"regulator A", "valve bank", "marker stream", "guard process", "setpoint source"}
     missing = {found["subject"] for found in result["findings"] if found["verdict"] == "missing"}
     # In virtual time nobody asks for a priority.
-    assert missing == {"dump valve", "valve board watchdog", "real-time priority"}
+    assert missing == {"dump valve", "valve board watchdog", "real-time priority", "second gauge"}
     assert "this computer" in answering
     lab.assert_untouched()
 
