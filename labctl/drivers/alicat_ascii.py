@@ -100,6 +100,7 @@ class AlicatAscii:
             serial_number=find_fact(facts, "Serial Number"),
             firmware=find_version(version or "") or find_fact(facts, "Software Revision"),
             setpoint_source=source,
+            notes=self._link.noticed,
         )
 
     def read(self, timeout_s: float | None = None) -> PressureReading:

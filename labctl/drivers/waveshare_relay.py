@@ -59,6 +59,7 @@ class WaveshareRelay:
         return Identity(
             model=f"Waveshare Modbus relay, {self.channels} channels as configured",
             firmware=f"{version / 100:.2f}",
+            notes=self._link.noticed,
         )
 
     def read(self, timeout_s: float | None = None) -> frozenset[int]:

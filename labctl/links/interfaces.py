@@ -25,6 +25,11 @@ class LineLink(Protocol):
         """A reply is missing or was not understood: the next exchange resynchronises first."""
         ...
 
+    @property
+    def noticed(self) -> tuple[str, ...]:
+        """What the link left out of the answers so far, in words for people."""
+        ...
+
     def mark_suspect(self) -> None:
         """Report to the link that what it delivered was not the reply."""
         ...
@@ -61,6 +66,11 @@ class RegisterLink(Protocol):
     @property
     def clock(self) -> Clock:
         """The clock of the deadlines."""
+        ...
+
+    @property
+    def noticed(self) -> tuple[str, ...]:
+        """What the link left out of the answers so far, in words for people."""
         ...
 
     def resync_by_holding_registers(self, address: int, count: int, device_id: int) -> None:

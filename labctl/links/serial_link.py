@@ -6,11 +6,10 @@ from contextlib import contextmanager
 from labctl.clock import Scheduler
 from labctl.errors import GarbledReply, NoAnswer
 from labctl.links.deadline import Deadline
+from labctl.links.incoming_lines import END, IncomingLines
 from labctl.links.interfaces import BytePort
-from labctl.links.serial_port import CHUNK_BYTES, discard_until_quiet
 from labctl.links.wires import SYSTEM_WIRES, Wires
 
-END = b"\r"
 QUIET_S = 0.1
 
 
@@ -21,6 +20,9 @@ class SerialLink:
     to the next request. After a time-out, a broken line or unrequested bytes the link is therefore `suspect`: the
     next exchange first discards input until the line is quiet for `quiet_s`, then sends the request of
     `resync_by` and discards lines up to its reply. Devices answer in order, so that reply comes last.
+
+    What carries no doubt is left out and kept in `noticed`: blank lines and strays (`IncomingLines`), and the request
+    itself where it comes back before its answer.
     """
 
     def __init__(
@@ -36,10 +38,9 @@ class SerialLink:
         self.name = port.name
         self.clock = clock
         self._quiet_s = quiet_s
-        self._max_line_bytes = max_line_bytes
         self._max_lines = max_lines
         self._lock = clock.lock()
-        self._held = b""
+        self._lines = IncomingLines(port, clock, max_line_bytes)
         # A device may still be answering whoever had the port before.
         self._suspect = True
         self._probe: tuple[bytes, Callable[[bytes], bool]] | None = None
@@ -48,6 +49,11 @@ class SerialLink:
     def suspect(self) -> bool:
         """A reply is missing or was not understood: the next exchange resynchronises first."""
         return self._suspect
+
+    @property
+    def noticed(self) -> tuple[str, ...]:
+        """What the link left out of the answers so far, in words."""
+        return self._lines.noticed.texts
 
     def mark_suspect(self) -> None:
         """Report to the link that what it delivered was not the reply."""
@@ -67,7 +73,7 @@ class SerialLink:
         """
         with self._turn(request, deadline):
             self._port.write(request, deadline)
-            return self._read_line(request, deadline)
+            return self._first_line(request, deadline)
 
     def exchange_lines(self, request: bytes, deadline: Deadline, idle_s: float) -> list[bytes]:
         """Send a request and return the lines of its reply, which ends when the line is idle for `idle_s`.
@@ -79,8 +85,8 @@ class SerialLink:
         """
         with self._turn(request, deadline):
             self._port.write(request, deadline)
-            lines = [self._read_line(request, deadline)]
-            while self._held or self._wait_for_input(idle_s, request, deadline):
+            lines = [self._first_line(request, deadline)]
+            while self._wait_for_line(idle_s, request, deadline):
                 if len(lines) == self._max_lines:
                     raise GarbledReply(
                         f"{self.name}: more than {self._max_lines} lines in answer to {_shown(request)}; "
@@ -122,7 +128,7 @@ class SerialLink:
     def _turn(self, request: bytes, deadline: Deadline) -> Iterator[None]:
         """Hold the link for one exchange that starts resynchronised and is suspect unless it ends well."""
         with self._locked(request, deadline):
-            if self._suspect or self._held or self._port.has_input():
+            if self._lines.pending() or self._suspect:
                 self._resynchronise(deadline)
             self._suspect = True
             yield
@@ -130,41 +136,40 @@ class SerialLink:
 
     def _resynchronise(self, deadline: Deadline) -> None:
         self._suspect = True
-        self._discard(deadline)
+        self._lines.discard(self._quiet_s, deadline)
         if self._probe is None:
             return
         request, accepts = self._probe
         self._port.write(request, deadline)
-        while not accepts(self._read_line(request, deadline)):
+        while not accepts(self._first_line(request, deadline)):
             pass
 
-    def _discard(self, deadline: Deadline) -> None:
-        self._held = b""
-        discard_until_quiet(self._port, self.clock, self._quiet_s, deadline)
-
-    def _wait_for_input(self, idle_s: float, request: bytes, deadline: Deadline) -> bool:
+    def _wait_for_line(self, idle_s: float, request: bytes, deadline: Deadline) -> bool:
         idle = Deadline(self.clock, min(idle_s, deadline.remaining_s()))
-        self._held = self._port.read_some(CHUNK_BYTES, idle)
-        if not self._held and idle.seconds < idle_s:
+        if self._lines.wait(idle):
+            return True
+        if idle.seconds < idle_s:
             raise self._no_answer(request, deadline, "the end of the answer could not be found")
-        return bool(self._held)
+        return False
 
-    def _read_line(self, request: bytes, deadline: Deadline) -> bytes:
-        while END not in self._held:
-            if len(self._held) > self._max_line_bytes:
-                break
-            data = self._port.read_some(CHUNK_BYTES, deadline)
-            if not data:
-                got = f"only {self._held!r} came" if self._held else "nothing came"
-                raise self._no_answer(request, deadline, got)
-            self._held += data
-        line, _, self._held = self._held.partition(END)
-        if len(line) > self._max_line_bytes:
-            raise GarbledReply(
-                f"{self.name}: a line of more than {self._max_line_bytes} bytes in answer to "
-                f"{_shown(request)}; check the baud rate"
-            )
-        return line
+    def _first_line(self, request: bytes, deadline: Deadline) -> bytes:
+        """The first line that is not the request itself."""
+        line = self._read_line(request, deadline)
+        if line != request.rstrip(END):
+            return line
+        self._lines.noticed.echo()
+        return self._read_line(request, deadline, echoed=True)
+
+    def _read_line(self, request: bytes, deadline: Deadline, echoed: bool = False) -> bytes:
+        line = self._lines.next(deadline)
+        if line is not None:
+            return line
+        came = self._lines.unfinished
+        if echoed:
+            got = "nothing came but its echo" + (f" and {came!r}" if came else "")
+        else:
+            got = f"only {came!r} came" if came else "nothing came"
+        raise self._no_answer(request, deadline, got)
 
     def _no_answer(self, request: bytes, deadline: Deadline, got: str) -> NoAnswer:
         return NoAnswer(

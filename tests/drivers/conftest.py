@@ -19,6 +19,7 @@ class ScriptedLines:
     def __init__(self, *exchanges):
         self.clock = WallClock()
         self.suspect = False
+        self.noticed = ()
         self.probe = None
         self.closed = 0
         self.left = list(exchanges)
@@ -60,6 +61,8 @@ class ScriptedFrames:
 
     name = "device on a script"
     overhead_bytes = 3
+    strays = b""
+    may_echo = False
 
     def __init__(self, *exchanges):
         self.framer = FramerRTU(DecodePDU(False))
@@ -80,6 +83,9 @@ class ScriptedFrames:
 
     def has_input(self):
         return False
+
+    def begin(self, deadline):
+        return True
 
     def next_transaction(self):
         return 0
