@@ -1,13 +1,10 @@
 """Faults that a double can show: what each instrument allows, and how their texts are parsed."""
 
 import math
-import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
-
-import numpy as np
 
 from labctl.clock import Clock
 from labctl.errors import BadInput
@@ -20,7 +17,24 @@ _ANY_REPLY: dict[str, Argument] = {
     "garbage": "",
     "truncated": "",
     "late": "seconds",
+    "late-once": "seconds",
+    "split": "seconds",
     "dies-after": "count",
+}
+_ANY_LINE: dict[str, Argument] = {
+    **_ANY_REPLY,
+    "wrong-address": "",
+    "trickle": "seconds",
+    "previous": "",
+    "reboot": "",
+    "echo": "",
+    "stray-before": "",
+    "stray-between": "",
+    "stray-after": "",
+    "nul": "",
+    "crlf": "",
+    "blank-lines": "",
+    "escapes": "",
 }
 
 #: Per instrument the kinds of fault and the argument that each takes ("" for none).
@@ -28,8 +42,7 @@ ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
     {
         "regulator": MappingProxyType(
             {
-                **_ANY_REPLY,
-                "wrong-address": "",
+                **_ANY_LINE,
                 "stuck-setpoint": "",
                 "ignored-setpoint": "",
                 "stuck-exhaust": "",
@@ -38,9 +51,7 @@ ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
                 "low-sensor": "",
             }
         ),
-        "valves": MappingProxyType(
-            {**_ANY_REPLY, "wrong-address": "", "stuck-coils": "", "stuck-coil": "channel"}
-        ),
+        "valves": MappingProxyType({**_ANY_LINE, "stuck-coils": "", "stuck-coil": "channel"}),
         "markers": MappingProxyType({**_ANY_REPLY, "blind": ""}),
     }
 )
@@ -51,9 +62,15 @@ class Fault:
     """One fault of one instrument.
 
     Kinds of every instrument: `silent`; `garbage` (random bytes in place of each reply or frame);
-    `truncated` (half of it); `late` (`value` seconds later); `dies-after` (the port closes after `value`
-    requests, of a marker server after so many frames). Of the regulator and the valves: `wrong-address`
-    (the reply carries another device's address, all else intact).
+    `truncated` (half of it); `late` (`value` seconds later); `late-once` (the next reply only); `split` (two halves,
+    `value` seconds apart); `dies-after` (the port closes after `value` requests, of a marker server after so many
+    frames).
+    Of the regulator and the valves: `wrong-address` (the reply carries another device's address, all else intact);
+    `trickle` (byte by byte, `value` seconds apart); `previous` (each reply is kept until the next request has come);
+    `reboot` (the next request is lost, a second later a banner comes, and all is as at power-up); `echo` (the
+    adapter sends back what it is given); `stray-before`, `stray-between`, `stray-after` (0x00 0xFF right before each
+    reply, on their own, right after); after each reply, of text each line: `nul` (NUL), `crlf` (LF, of frames CR LF),
+    `escapes` (an escape sequence that clears a terminal, before the CR); `blank-lines` (CR before and after it).
     Regulator: `stuck-setpoint` (accepted, never taken over); `ignored-setpoint` (the setpoint source is
     analog); `stuck-exhaust` (EXH is reported, the valve stays shut); `overpressure` (the inlet sticks open);
     `frozen-sensor`, `low-sensor` (the reading stays, or is -2 psi; the controller opens its inlet for it).
@@ -174,51 +191,3 @@ class FaultPanel:
 
     def _begun(self, fault: Fault) -> bool:
         return self._clock.now_s() - self._origin_s >= fault.from_s and self._highest_psi() >= fault.from_psi
-
-
-@dataclass(frozen=True)
-class Delivery:
-    """Bytes to be sent when the clock reads `due_s`."""
-
-    due_s: float
-    data: bytes
-
-
-class LineFaults:
-    """The faults of an instrument's bytes: what becomes of each reply on its way out."""
-
-    def __init__(self, panel: FaultPanel, clock: Clock, rng: np.random.Generator) -> None:
-        self.panel = panel
-        self._clock = clock
-        self._rng = rng
-        self._lock = threading.Lock()
-        self._answered = 0
-        self.dead = False
-
-    def deliver(self, reply: bytes, readdressed: bytes | None = None, count: int = 1) -> Delivery:
-        """What is sent in place of `reply`, and when; `data` is empty where nothing is.
-
-        `readdressed` is the same reply with another device's address; `count` is the number of requests
-        (or frames) that the reply stands for. Sets `dead` when the instrument has died.
-        """
-        with self._lock:
-            due_s = self._clock.now_s()
-            self._count(count)
-            if self.dead or self.panel.active("silent"):
-                return Delivery(due_s, b"")
-            if readdressed is not None and self.panel.active("wrong-address"):
-                reply = readdressed
-            if self.panel.active("truncated"):
-                reply = reply[: len(reply) // 2]
-            if self.panel.active("garbage"):
-                reply = self._rng.bytes(len(reply))
-            late = self.panel.active("late")
-            return Delivery(due_s + late.value if late else due_s, reply)
-
-    def _count(self, count: int) -> None:
-        mortal = self.panel.active("dies-after")
-        if mortal is None:
-            self._answered = 0
-            return
-        self._answered += count
-        self.dead = self.dead or self._answered > mortal.value
