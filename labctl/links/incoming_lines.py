@@ -15,9 +15,10 @@ _BEFORE_LINES = _AROUND_LINES + END
 
 
 class IncomingLines:
-    """Lines that end in CR, one after the other; blank ones, and NUL, LF and 0xFF around a line, are left out.
+    """Lines that end in CR, one after the other, without the echo of what was sent.
 
-    Within a line every byte is kept: whoever reads the line decides what it is.
+    Blank ones, and NUL, LF and 0xFF around a line, are left out. Within a line every byte is kept: whoever reads the
+    line decides what it is. `echoed`: what was sent last has come back.
     """
 
     def __init__(self, port: BytePort, clock: Clock, max_line_bytes: int) -> None:
@@ -26,6 +27,13 @@ class IncomingLines:
         self._clock = clock
         self._max_line_bytes = max_line_bytes
         self._held = b""
+        self._sent: bytes | None = None
+        self.echoed = False
+
+    def write(self, request: bytes, deadline: Deadline) -> None:
+        """Send a request, whose echo is looked for from now on; raises like `BytePort.write`."""
+        self._sent, self.echoed = request.rstrip(END), False
+        self._port.write(request, deadline)
 
     @property
     def unfinished(self) -> bytes:
@@ -69,6 +77,10 @@ class IncomingLines:
             self._held = b""
             self._hold(rest)
             line = line.rstrip(_AROUND_LINES)
+            if line and line == self._sent:
+                self._sent, self.echoed = None, True
+                self.noticed.echo()
+                continue
             if line.strip():
                 return line
             dropped += len(line) + 1

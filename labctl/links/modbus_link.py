@@ -26,6 +26,8 @@ from labctl.links.modbus_replies import Reply, ReplyReader, shown
 from labctl.links.wires import SYSTEM_WIRES, Wires
 
 QUIET_S = 0.05
+# An answer that has not come after so long a silence is taken for lost.
+HOLD_S = 2.0
 CONNECT_TIMEOUT_S = 3.0
 _WRITE_REPLY_BYTES = 5
 _WRITES = (0x05, 0x0F, 0x10)
@@ -51,13 +53,19 @@ class _Probe:
     count: int
     device_id: int
 
+    def looks_like(self, request: ModbusPDU, reply_bytes: int) -> bool:
+        """Whether a late reply to this request would be taken for the probe's."""
+        is_read = request.function_code == ReadHoldingRegistersRequest.function_code
+        return is_read and reply_bytes == 2 + 2 * self.count
+
 
 class ModbusLink:
     """One exchange at a time, and never an old reply for a new request.
 
     Every call ends by its deadline. After a failed exchange the link gets in step again before a reply is
     trusted: TCP connects anew; RTU discards input until the line is quiet, then reads the registers of
-    `resync_by_holding_registers` until their reply has come.
+    `resync_by_holding_registers` until their reply has come. While that reply may still be on its way the read is not
+    sent again, since the older reply would be taken for the newer one's; it is lost after a silence of `HOLD_S`.
 
     What carries no doubt is left out and kept in `noticed`: stray bytes between frames, and the request itself where
     an adapter echoes it. A single coil is confirmed by a copy of its request: whether the line echoes is therefore
@@ -73,6 +81,8 @@ class ModbusLink:
         self._suspect = False
         self._replies = ReplyReader(channel)
         self._probe: _Probe | None = None
+        # When the probe was sent whose reply is awaited, or when anything came since.
+        self._probed_s: float | None = None
 
     @property
     def noticed(self) -> tuple[str, ...]:
@@ -154,7 +164,7 @@ class ModbusLink:
             in_step = self._get_in_step(request, deadline)
             self._suspect = True
             sent = self._send(request, deadline)
-            reply = self._replies.next(request, sent, reply_bytes, deadline)
+            reply = self._next_reply(request, sent, reply_bytes, deadline)
             if not self._is_reply(request, reply, reply_bytes):
                 raise self._foreign(f"{reply.frame.hex(' ')} does not answer {shown(request)}")
             self._replies.learn_echo(reply.echoed, reply.frame == sent)
@@ -168,6 +178,14 @@ class ModbusLink:
                 f"({_EXCEPTIONS.get(code, 'unknown')}); check device id, address and model"
             )
         return reply
+
+    def _next_reply(self, request: ModbusPDU, sent: bytes, reply_bytes: int, deadline: Deadline) -> Reply:
+        try:
+            return self._replies.next(request, sent, reply_bytes, deadline)
+        except NoAnswer:
+            if self._probe is not None and self._probe.looks_like(request, reply_bytes):
+                self._probed_s = self.clock.now_s()
+            raise
 
     def _get_in_step(self, request: ModbusPDU, deadline: Deadline) -> bool:
         """See to it that the next reply is the one to `request`; False where that stays open, for a write.
@@ -190,9 +208,14 @@ class ModbusLink:
             with suppress(NoAnswer, GarbledReply):
                 return self._channel.discard_late_replies(deadline.share(0.5))
             return False
-        if not self._channel.discard_late_replies(deadline) and self._probe is not None:
+        if self._probe is None:
+            self._channel.discard_late_replies(deadline)
+        elif self._probe_is_awaited() or not self._channel.discard_late_replies(deadline):
             self._read_probe(self._probe, deadline)
         return True
+
+    def _probe_is_awaited(self) -> bool:
+        return self._probed_s is not None and self.clock.now_s() - self._probed_s < HOLD_S
 
     def _disturbed(self, request: ModbusPDU, deadline: Deadline) -> bool:
         """Whether anything has come that nobody requested, strays apart."""
@@ -211,14 +234,25 @@ class ModbusLink:
         request = ReadHoldingRegistersRequest(
             address=probe.address, count=probe.count, dev_id=probe.device_id
         )
-        sent = self._send(request, deadline)
+        sends = not self._probe_is_awaited()
+        if sends:
+            self._probed_s = self.clock.now_s()
+            self._send(request, deadline)
+        sent = self._channel.framer.buildFrame(request)
         echoed = False
         while True:
-            reply = self._replies.next(request, sent, 2 + 2 * probe.count, deadline)
+            try:
+                reply = self._replies.next(request, sent, 2 + 2 * probe.count, deadline)
+            except GarbledReply:
+                self._probed_s = None
+                raise
             echoed = echoed or reply.echoed
             if self._is_reply(request, reply, 2 + 2 * probe.count):
-                self._replies.learn_echo(echoed, reply.frame == sent)
+                self._probed_s = None
+                if sends:
+                    self._replies.learn_echo(echoed, reply.frame == sent)
                 return
+            self._probed_s = self.clock.now_s()
 
     def _send(self, request: ModbusPDU, deadline: Deadline) -> bytes:
         request.transaction_id = self._channel.next_transaction()

@@ -72,8 +72,8 @@ class SerialLink:
             LinkDown: the port is closed or gone.
         """
         with self._turn(request, deadline):
-            self._port.write(request, deadline)
-            return self._first_line(request, deadline)
+            self._lines.write(request, deadline)
+            return self._read_line(request, deadline)
 
     def exchange_lines(self, request: bytes, deadline: Deadline, idle_s: float) -> list[bytes]:
         """Send a request and return the lines of its reply, which ends when the line is idle for `idle_s`.
@@ -84,8 +84,8 @@ class SerialLink:
             LinkDown: the port is closed or gone.
         """
         with self._turn(request, deadline):
-            self._port.write(request, deadline)
-            lines = [self._first_line(request, deadline)]
+            self._lines.write(request, deadline)
+            lines = [self._read_line(request, deadline)]
             while self._wait_for_line(idle_s, request, deadline):
                 if len(lines) == self._max_lines:
                     raise GarbledReply(
@@ -106,7 +106,7 @@ class SerialLink:
         """
         with self._locked(request, deadline):
             self._suspect = True
-            self._port.write(request, deadline)
+            self._lines.write(request, deadline)
 
     def close(self) -> None:
         """Give the port back; may be called twice."""
@@ -140,8 +140,8 @@ class SerialLink:
         if self._probe is None:
             return
         request, accepts = self._probe
-        self._port.write(request, deadline)
-        while not accepts(self._first_line(request, deadline)):
+        self._lines.write(request, deadline)
+        while not accepts(self._read_line(request, deadline)):
             pass
 
     def _wait_for_line(self, idle_s: float, request: bytes, deadline: Deadline) -> bool:
@@ -152,20 +152,12 @@ class SerialLink:
             raise self._no_answer(request, deadline, "the end of the answer could not be found")
         return False
 
-    def _first_line(self, request: bytes, deadline: Deadline) -> bytes:
-        """The first line that is not the request itself."""
-        line = self._read_line(request, deadline)
-        if line != request.rstrip(END):
-            return line
-        self._lines.noticed.echo()
-        return self._read_line(request, deadline, echoed=True)
-
-    def _read_line(self, request: bytes, deadline: Deadline, echoed: bool = False) -> bytes:
+    def _read_line(self, request: bytes, deadline: Deadline) -> bytes:
         line = self._lines.next(deadline)
         if line is not None:
             return line
         came = self._lines.unfinished
-        if echoed:
+        if self._lines.echoed:
             got = "nothing came but its echo" + (f" and {came!r}" if came else "")
         else:
             got = f"only {came!r} came" if came else "nothing came"
