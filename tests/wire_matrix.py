@@ -4,7 +4,6 @@ In a cell one driver is asked some times on a wire with one fault, and the truth
 answer is a wrong one. Virtual time; the drivers, links and doubles are those that labctl runs with.
 """
 
-import itertools
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -18,6 +17,7 @@ from labctl.doubles.faults import parse_faults
 from labctl.doubles.in_process import InProcessDoubles
 from labctl.doubles.markers import LabFrame, MarkerSettings
 from labctl.doubles.settings import DoublesSettings
+from labctl.drivers.alicat_ascii import AlicatAscii
 from labctl.drivers.opening import open_markers, open_regulator, open_valves
 from labctl.errors import InstrumentError
 
@@ -138,9 +138,11 @@ class Bench:
         before = self._prepare(verb, n)
         self.time.sleep(0.15)
         start_s = self.time.now_s()
-        timeout_s = IDENTIFY_S if verb == "identify" else TIMEOUT_S
+        # The tables that an ASCII regulator is bound to at first use take their time.
+        binds = verb == "identify" or self.device.__class__ is AlicatAscii
+        timeout_s = IDENTIFY_S if binds else TIMEOUT_S
         try:
-            getattr(self, "_" + verb.replace(" ", "_"))(n, timeout_s, before)
+            getattr(self, "_" + verb.replace(" ", "_"))(IDENTIFY_S if verb == "identify" else None, n, before)
             outcome = "right"
         except InstrumentError as error:
             if type(error) is InstrumentError:
@@ -168,7 +170,7 @@ class Bench:
         chamber.mode = Mode.HOLD_CLOSED if verb in ("read", "cancel_hold") else Mode.CONTROL
         return None
 
-    def _identify(self, n, timeout_s, before):
+    def _identify(self, timeout_s, n, before):
         identity = self.device.identify(timeout_s)
         texts = (identity.model, identity.serial_number or "", identity.firmware or "", *identity.notes)
         if not all(text.isprintable() for text in texts):
@@ -182,7 +184,7 @@ class Bench:
             if found is not None and not found.startswith(truth):
                 raise Wrong(f"{found!r} for {truth!r}")
 
-    def _read(self, n, timeout_s, before):
+    def _read(self, timeout_s, n, before):
         reading = self.device.read(timeout_s)
         if self.instrument == "valves":
             if reading != before:
@@ -197,41 +199,41 @@ class Bench:
         if reading.status != {"HLD"}:
             raise Wrong(f"reads {reading.status} of a regulator that holds")
 
-    def _write_setpoint(self, n, timeout_s, before):
+    def _write_setpoint(self, timeout_s, n, before):
         wanted_psi = 3.9 - 0.5 * (n % 7)
         reading = self.device.write_setpoint(wanted_psi, timeout_s)
         found = self.plant.state().setpoint_psi
         if max(abs(reading.setpoint_psi - wanted_psi), abs(found - wanted_psi)) > 0.006:
             raise Wrong(f"{wanted_psi} confirmed by {reading}, the device has {found}")
 
-    def _exhaust(self, n, timeout_s, before):
+    def _exhaust(self, timeout_s, n, before):
         reading = self.device.exhaust(timeout_s)
         if not reading.exhausting or not self.plant.state().exhausting:
             raise Wrong(f"{reading} of a regulator in {self.plant.state().mode}")
 
-    def _cancel_hold(self, n, timeout_s, before):
+    def _cancel_hold(self, timeout_s, n, before):
         reading = self.device.cancel_hold(timeout_s)
         if reading.holding or reading.exhausting or self.plant.state().mode is not Mode.CONTROL:
             raise Wrong(f"{reading} of a regulator in {self.plant.state().mode}")
 
-    def _write(self, n, timeout_s, before):
+    def _write(self, timeout_s, n, before):
         on = frozenset({1 + n % 4, 5 + n % 3})
         self._written(on, self.device.write(on, timeout_s))
 
-    def _all_off(self, n, timeout_s, before):
+    def _all_off(self, timeout_s, n, before):
         self._written(frozenset(), self.device.write((), timeout_s))
 
     def _written(self, wanted, found):
         if not wanted == found == self.plant.state().coils:
             raise Wrong(f"{sorted(wanted)} confirmed as {sorted(found)}, on are {self.plant.state().coils}")
 
-    def _start(self, n, timeout_s, before):
+    def _start(self, timeout_s, n, before):
         self.device.start(timeout_s)
 
-    def _stop(self, n, timeout_s, before):
+    def _stop(self, timeout_s, n, before):
         self.device.stop(timeout_s)
 
-    def _next_frames(self, n, timeout_s, before):
+    def _next_frames(self, timeout_s, n, before):
         frames = self.device.next_frames(timeout_s)
         times_s = np.array([time_s for time_s, _ in self._seen])
         positions = frames.positions_mm.reshape(len(frames), -1, 3)
@@ -279,6 +281,28 @@ def outcomes_of(cell):
 
 
 def in_words(outcomes):
-    """Outcomes as text: "NoAnswer, then right"."""
-    runs = [(name, len(list(group))) for name, group in itertools.groupby(outcomes)]
-    return ", then ".join(name for name, _ in runs)
+    """Outcomes as text: "NoAnswer or GarbledReply, then right"."""
+    errors = " or ".join(dict.fromkeys(name for name in outcomes if name != "right"))
+    if not errors:
+        return "right"
+    if "right" not in outcomes:
+        return errors
+    recovers = "right" not in outcomes[: len(outcomes) - outcomes[::-1].index(errors.split(" or ")[-1])]
+    return f"{errors}, then right" if recovers and outcomes[-1] == "right" else f"right or {errors}"
+
+
+def tables(words_of):
+    """The matrix as Markdown, a table a driver; `words_of` gives the words of a cell."""
+    parts = []
+    for driver, (instrument, _, verbs) in DRIVERS.items():
+        lines = [f"## {driver}", "", "| | " + " | ".join(verbs) + " |", "|---" * (len(verbs) + 1) + "|"]
+        for fault in FAULTS:
+            if instrument == "markers" and fault not in OF_MARKERS:
+                continue
+            row = []
+            for verb in verbs:
+                both = [words_of(Cell(driver, fault, verb, from_start)) for from_start in (False, True)]
+                row.append(" / ".join(dict.fromkeys(both)))
+            lines.append(f"| {fault} (`{FAULTS[fault]}`) | " + " | ".join(row) + " |")
+        parts.append("\n".join(lines))
+    return "\n\n".join(parts) + "\n"

@@ -4,7 +4,7 @@ import struct
 from dataclasses import dataclass
 
 from pymodbus.exceptions import ModbusException
-from pymodbus.framer import FramerRTU
+from pymodbus.framer import FramerRTU, FramerSocket
 from pymodbus.pdu import ModbusPDU
 
 from labctl.errors import GarbledReply, NoAnswer
@@ -87,6 +87,8 @@ class ReplyReader:
         return bool(self.echoes) or not is_reply
 
     def _decode(self, request: ModbusPDU, received: bytes) -> ModbusPDU | None:
+        if isinstance(self._channel.framer, FramerSocket) and received[2:4].strip(b"\x00"):
+            raise self.foreign(f"{received.hex(' ')} begins no frame of Modbus TCP")
         try:
             used, pdu = self._channel.framer.handleFrame(received, request.dev_id, request.transaction_id)
         except (ModbusException, IndexError, ValueError, struct.error) as error:
