@@ -1,12 +1,13 @@
 """Requests and replies in CR-terminated lines over a serial port."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from labctl.clock import Scheduler
 from labctl.errors import GarbledReply, NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.links.interfaces import BytePort
+from labctl.links.line_resync import LineResync, Probe, Stream, Wire
 from labctl.links.serial_port import CHUNK_BYTES, discard_until_quiet
 from labctl.links.wires import SYSTEM_WIRES, Wires
 
@@ -19,8 +20,8 @@ class SerialLink:
 
     A line protocol has no transaction numbers, so a reply that comes after its time-out looks like the reply
     to the next request. After a time-out, a broken line or unrequested bytes the link is therefore `suspect`: the
-    next exchange first discards input until the line is quiet for `quiet_s`, then sends the request of
-    `resync_by` and discards lines up to its reply. Devices answer in order, so that reply comes last.
+    next exchange first resynchronises by the questions of `resync_by` (`LineResync`); where there are none, it
+    discards input until the line is quiet for `quiet_s`.
     """
 
     def __init__(
@@ -42,20 +43,29 @@ class SerialLink:
         self._held = b""
         # A device may still be answering whoever had the port before.
         self._suspect = True
-        self._probe: tuple[bytes, Callable[[bytes], bool]] | None = None
+        self._resync = LineResync(port.name, clock, Wire(port.write, self._next_line, self._discard))
 
     @property
     def suspect(self) -> bool:
         """A reply is missing or was not understood: the next exchange resynchronises first."""
         return self._suspect
 
+    @property
+    def ended_stream(self) -> bool:
+        """The instrument was streaming, and was set to polling."""
+        return self._resync.ended_stream
+
     def mark_suspect(self) -> None:
         """Report to the link that what it delivered was not the reply."""
         self._suspect = True
 
-    def resync_by(self, request: bytes, accepts: Callable[[bytes], bool]) -> None:
-        """Set the request that resynchronises, and the test that knows its reply from every other line."""
-        self._probe = (request, accepts)
+    def resync_by(self, probes: Sequence[Probe]) -> None:
+        """Set the questions that resynchronise, the quickest first."""
+        self._resync.use(probes)
+
+    def expect_stream(self, stream: Stream) -> None:
+        """Set how a stream is known and ended."""
+        self._resync.expect_stream(stream)
 
     def exchange_line(self, request: bytes, deadline: Deadline) -> bytes:
         """Send a request and return its reply of one line, without the CR.
@@ -67,7 +77,12 @@ class SerialLink:
         """
         with self._turn(request, deadline):
             self._port.write(request, deadline)
-            return self._read_line(request, deadline)
+            line = self._read_line(request, deadline)
+            if self._resync.answers_another(line, request):
+                raise GarbledReply(
+                    f"{self.name}: {line!r} came for {_shown(request)} and answers an earlier question; ask again"
+                )
+            return line
 
     def exchange_lines(self, request: bytes, deadline: Deadline, idle_s: float) -> list[bytes]:
         """Send a request and return the lines of its reply, which ends when the line is idle for `idle_s`.
@@ -100,6 +115,7 @@ class SerialLink:
         """
         with self._locked(request, deadline):
             self._suspect = True
+            self._resync.sent_unheard()
             self._port.write(request, deadline)
 
     def close(self) -> None:
@@ -123,24 +139,25 @@ class SerialLink:
         """Hold the link for one exchange that starts resynchronised and is suspect unless it ends well."""
         with self._locked(request, deadline):
             if self._suspect or self._held or self._port.has_input():
-                self._resynchronise(deadline)
+                self._resynchronise(request, deadline)
             self._suspect = True
-            yield
+            try:
+                yield
+            except NoAnswer:
+                self._resync.unanswered(request)
+                raise
             self._suspect = False
 
-    def _resynchronise(self, deadline: Deadline) -> None:
+    def _resynchronise(self, request: bytes, deadline: Deadline) -> None:
         self._suspect = True
-        self._discard(deadline)
-        if self._probe is None:
-            return
-        request, accepts = self._probe
-        self._port.write(request, deadline)
-        while not accepts(self._read_line(request, deadline)):
-            pass
+        if self._resync.possible and not self._resync.is_table(request):
+            self._resync.run(deadline)
+        else:
+            self._resync.rests(self._quiet_s, deadline)
 
-    def _discard(self, deadline: Deadline) -> None:
+    def _discard(self, quiet_s: float, deadline: Deadline) -> None:
         self._held = b""
-        discard_until_quiet(self._port, self.clock, self._quiet_s, deadline)
+        discard_until_quiet(self._port, self.clock, quiet_s, deadline)
 
     def _wait_for_input(self, idle_s: float, request: bytes, deadline: Deadline) -> bool:
         idle = Deadline(self.clock, min(idle_s, deadline.remaining_s()))
@@ -150,19 +167,24 @@ class SerialLink:
         return bool(self._held)
 
     def _read_line(self, request: bytes, deadline: Deadline) -> bytes:
+        line = self._next_line(deadline)
+        if line is None:
+            got = f"only {self._held!r} came" if self._held else "nothing came"
+            raise self._no_answer(request, deadline, got)
+        return line
+
+    def _next_line(self, deadline: Deadline) -> bytes | None:
         while END not in self._held:
             if len(self._held) > self._max_line_bytes:
                 break
             data = self._port.read_some(CHUNK_BYTES, deadline)
             if not data:
-                got = f"only {self._held!r} came" if self._held else "nothing came"
-                raise self._no_answer(request, deadline, got)
+                return None
             self._held += data
         line, _, self._held = self._held.partition(END)
         if len(line) > self._max_line_bytes:
             raise GarbledReply(
-                f"{self.name}: a line of more than {self._max_line_bytes} bytes in answer to "
-                f"{_shown(request)}; check the baud rate"
+                f"{self.name}: a line of more than {self._max_line_bytes} bytes came; check the baud rate"
             )
         return line
 
