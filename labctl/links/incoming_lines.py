@@ -1,5 +1,7 @@
 """Lines from a serial port, less what the wires add to them."""
 
+from collections import deque
+
 from labctl.clock import Clock
 from labctl.errors import GarbledReply
 from labctl.links.deadline import Deadline
@@ -11,6 +13,8 @@ END = b"\r"
 _NUL, _LF, _CR, _IDLE = 0x00, 0x0A, 0x0D, 0xFF
 # A break-out box sends NUL after CR, others LF; a line that was let go of reads 0x00 or 0xFF.
 _AROUND_LINES = bytes((_NUL, _LF, _IDLE))
+# Requests whose echo may still be on its way: no instrument answers with the very text of a request.
+_ECHOES = 8
 _BEFORE_LINES = _AROUND_LINES + END
 
 
@@ -27,12 +31,13 @@ class IncomingLines:
         self._clock = clock
         self._max_line_bytes = max_line_bytes
         self._held = b""
-        self._sent: bytes | None = None
+        self._sent: deque[bytes] = deque(maxlen=_ECHOES)
         self.echoed = False
 
     def write(self, request: bytes, deadline: Deadline) -> None:
         """Send a request, whose echo is looked for from now on; raises like `BytePort.write`."""
-        self._sent, self.echoed = request.rstrip(END), False
+        self._sent.append(request.rstrip(END))
+        self.echoed = False
         self._port.write(request, deadline)
 
     @property
@@ -77,8 +82,9 @@ class IncomingLines:
             self._held = b""
             self._hold(rest)
             line = line.rstrip(_AROUND_LINES)
-            if line and line == self._sent:
-                self._sent, self.echoed = None, True
+            if line in self._sent:
+                self._sent.remove(line)
+                self.echoed = True
                 self.noticed.echo()
                 continue
             if line.strip():

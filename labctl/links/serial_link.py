@@ -1,6 +1,6 @@
 """Requests and replies in CR-terminated lines over a serial port."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from labctl.clock import Scheduler
@@ -8,6 +8,7 @@ from labctl.errors import GarbledReply, NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.links.incoming_lines import END, IncomingLines
 from labctl.links.interfaces import BytePort
+from labctl.links.line_resync import LineResync, Probe, Stream, Wire
 from labctl.links.wires import SYSTEM_WIRES, Wires
 
 QUIET_S = 0.1
@@ -18,8 +19,8 @@ class SerialLink:
 
     A line protocol has no transaction numbers, so a reply that comes after its time-out looks like the reply
     to the next request. After a time-out, a broken line or unrequested bytes the link is therefore `suspect`: the
-    next exchange first discards input until the line is quiet for `quiet_s`, then sends the request of
-    `resync_by` and discards lines up to its reply. Devices answer in order, so that reply comes last.
+    next exchange first resynchronises by the questions of `resync_by` (`LineResync`); where there are none, it
+    discards input until the line is quiet for `quiet_s`.
 
     What carries no doubt is left out and kept in `noticed`: blank lines and strays (`IncomingLines`), and the request
     itself where it comes back before its answer.
@@ -43,7 +44,9 @@ class SerialLink:
         self._lines = IncomingLines(port, clock, max_line_bytes)
         # A device may still be answering whoever had the port before.
         self._suspect = True
-        self._probe: tuple[bytes, Callable[[bytes], bool]] | None = None
+        self._resync = LineResync(
+            port.name, clock, Wire(self._lines.write, self._lines.next, self._lines.discard)
+        )
 
     @property
     def suspect(self) -> bool:
@@ -55,13 +58,22 @@ class SerialLink:
         """What the link left out of the answers so far, in words."""
         return self._lines.noticed.texts
 
+    @property
+    def ended_stream(self) -> bool:
+        """The instrument was streaming, and was set to polling."""
+        return self._resync.ended_stream
+
     def mark_suspect(self) -> None:
         """Report to the link that what it delivered was not the reply."""
         self._suspect = True
 
-    def resync_by(self, request: bytes, accepts: Callable[[bytes], bool]) -> None:
-        """Set the request that resynchronises, and the test that knows its reply from every other line."""
-        self._probe = (request, accepts)
+    def resync_by(self, probes: Sequence[Probe]) -> None:
+        """Set the questions that resynchronise, the quickest first."""
+        self._resync.use(probes)
+
+    def expect_stream(self, stream: Stream) -> None:
+        """Set how a stream is known and ended."""
+        self._resync.expect_stream(stream)
 
     def exchange_line(self, request: bytes, deadline: Deadline) -> bytes:
         """Send a request and return its reply of one line, without the CR.
@@ -73,7 +85,12 @@ class SerialLink:
         """
         with self._turn(request, deadline):
             self._lines.write(request, deadline)
-            return self._read_line(request, deadline)
+            line = self._read_line(request, deadline)
+            if self._resync.answers_another(line, request):
+                raise GarbledReply(
+                    f"{self.name}: {line!r} came for {_shown(request)} and answers an earlier question; ask again"
+                )
+            return line
 
     def exchange_lines(self, request: bytes, deadline: Deadline, idle_s: float) -> list[bytes]:
         """Send a request and return the lines of its reply, which ends when the line is idle for `idle_s`.
@@ -106,6 +123,7 @@ class SerialLink:
         """
         with self._locked(request, deadline):
             self._suspect = True
+            self._resync.sent_unheard()
             self._lines.write(request, deadline)
 
     def close(self) -> None:
@@ -129,20 +147,21 @@ class SerialLink:
         """Hold the link for one exchange that starts resynchronised and is suspect unless it ends well."""
         with self._locked(request, deadline):
             if self._lines.pending() or self._suspect:
-                self._resynchronise(deadline)
+                self._resynchronise(request, deadline)
             self._suspect = True
-            yield
+            try:
+                yield
+            except NoAnswer:
+                self._resync.unanswered(request)
+                raise
             self._suspect = False
 
-    def _resynchronise(self, deadline: Deadline) -> None:
+    def _resynchronise(self, request: bytes, deadline: Deadline) -> None:
         self._suspect = True
-        self._lines.discard(self._quiet_s, deadline)
-        if self._probe is None:
-            return
-        request, accepts = self._probe
-        self._lines.write(request, deadline)
-        while not accepts(self._read_line(request, deadline)):
-            pass
+        if self._resync.possible and not self._resync.is_table(request):
+            self._resync.run(deadline)
+        else:
+            self._resync.rests(self._quiet_s, deadline)
 
     def _wait_for_line(self, idle_s: float, request: bytes, deadline: Deadline) -> bool:
         idle = Deadline(self.clock, min(idle_s, deadline.remaining_s()))

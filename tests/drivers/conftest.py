@@ -20,15 +20,20 @@ class ScriptedLines:
         self.clock = WallClock()
         self.suspect = False
         self.noticed = ()
-        self.probe = None
+        self.probes = ()
+        self.stream = None
+        self.ended_stream = False
         self.closed = 0
         self.left = list(exchanges)
 
     def mark_suspect(self):
         self.suspect = True
 
-    def resync_by(self, request, accepts):
-        self.probe = (request, accepts)
+    def resync_by(self, probes):
+        self.probes = tuple(probes)
+
+    def expect_stream(self, stream):
+        self.stream = stream
 
     def exchange_line(self, request, deadline):
         reply = self._next(request)
