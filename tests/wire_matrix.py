@@ -112,6 +112,7 @@ class Bench:
         self.plant = self.doubles.plant
         self.config = rig_from_text(self.doubles.rig_toml(), "rig.toml")
         self.device = None
+        self.is_new = False
         self._seen = []
         self._state = self.plant.state
         self.plant.state = self._state_kept
@@ -138,8 +139,8 @@ class Bench:
         before = self._prepare(verb, n)
         self.time.sleep(0.15)
         start_s = self.time.now_s()
-        # The tables that an ASCII regulator is bound to at first use take their time.
-        binds = verb == "identify" or self.device.__class__ is AlicatAscii
+        # An ASCII regulator is bound to its tables, a relay board to its way of reading, at first use.
+        binds = verb == "identify" or self.is_new or isinstance(self.device, AlicatAscii)
         timeout_s = IDENTIFY_S if binds else TIMEOUT_S
         try:
             getattr(self, "_" + verb.replace(" ", "_"))(IDENTIFY_S if verb == "identify" else None, n, before)
@@ -263,6 +264,7 @@ def outcomes_of(cell):
     bench = Bench(cell.driver)
     try:
         if cell.from_start:
+            bench.is_new = True
             bench.break_wire(cell.fault)
         bench.open()
         if not cell.from_start:

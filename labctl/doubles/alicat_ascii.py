@@ -17,6 +17,7 @@ STREAMING_ID = "@"
 LEGACY_FULL_SCALE = 64000
 LEGACY_MAX = 65535
 FIRMWARE = "10v20.0-R24"
+PSI_PER_BAR = 14.503773773
 _CR = "\r"
 _NUMBER = re.compile(r"\s*([+-]?\d+(?:\.\d*)?|[+-]?\.\d+)\s*")
 
@@ -84,7 +85,7 @@ class AlicatAscii:
             "E": self._exhaust,
             "P": self._tare,
             "VE": lambda: f"{self.unit_id}   {FIRMWARE} Jan  9 2025,15:04:07{_CR}",
-            "??D*": lambda: self._table(_LAYOUT),
+            "??D*": lambda: self._table(self._layout()),
             "??M*": lambda: self._table(self._manufacturer()),
             "LS": self._loop_setpoint,
         }
@@ -108,9 +109,18 @@ class AlicatAscii:
     def _frame(self) -> str:
         state = self._plant.state()
         # Adding 0 makes a rounded -0.0 a plain zero.
-        pressure_psi = round(state.measured_psi, 2) + 0.0
-        values = f"{self.unit_id} {pressure_psi:+07.2f} {state.setpoint_psi:+07.2f}"
+        pressure = round(state.measured_psi / self._unit_psi(), 2) + 0.0
+        values = f"{self.unit_id} {pressure:+07.2f} {state.setpoint_psi / self._unit_psi():+07.2f}"
         return values + "".join(f" {token}" for token in _status(state)) + _CR
+
+    def _unit_psi(self) -> float:
+        """One of the unit that the device is set to, in psi."""
+        return PSI_PER_BAR if self._faults.active("unit-bar") else 1.0
+
+    def _layout(self) -> tuple[str, ...]:
+        if not self._faults.active("unit-bar"):
+            return _LAYOUT
+        return tuple(row.replace("010 02 PSIG", "007 02 BARG") for row in _LAYOUT)
 
     def _switch(self, mode: Mode) -> str:
         self._plant.switch_mode(mode)
@@ -125,9 +135,9 @@ class AlicatAscii:
 
     def _take_setpoint(self, text: str) -> bool:
         number = _NUMBER.fullmatch(text)
-        if number is None or not 0 <= float(number[1]) <= self._plant.full_scale_psi:
+        if number is None or not 0 <= float(number[1]) * self._unit_psi() <= self._plant.full_scale_psi:
             return False
-        self._hand_over(float(number[1]))
+        self._hand_over(float(number[1]) * self._unit_psi())
         return True
 
     def _hand_over(self, setpoint_psi: float) -> None:
@@ -135,8 +145,9 @@ class AlicatAscii:
             self._plant.write_setpoint(setpoint_psi)
 
     def _loop_setpoint(self) -> str:
-        setpoint = self._plant.state().setpoint_psi
-        return f"{self.unit_id} {setpoint:+07.2f} {setpoint:+07.2f} 10 PSIG{_CR}"
+        setpoint = self._plant.state().setpoint_psi / self._unit_psi()
+        unit = "7 BARG" if self._faults.active("unit-bar") else "10 PSIG"
+        return f"{self.unit_id} {setpoint:+07.2f} {setpoint:+07.2f} {unit}{_CR}"
 
     def _setpoint_source_now(self) -> str:
         return "A" if self._faults.active("ignored-setpoint") else self._source

@@ -49,9 +49,25 @@ ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
                 "overpressure": "",
                 "frozen-sensor": "",
                 "low-sensor": "",
+                "swapped-words": "",
+                "swapped-bytes": "",
+                "unknown-status-bit": "",
+                "unit-bar": "",
             }
         ),
-        "valves": MappingProxyType({**_ANY_LINE, "stuck-coils": "", "stuck-coil": "channel"}),
+        "valves": MappingProxyType(
+            {
+                **_ANY_LINE,
+                "stuck-coils": "",
+                "stuck-coil": "channel",
+                "bytes-reversed": "",
+                "write-bytes-reversed": "",
+                "no-all-coil": "",
+                "no-multiple-write": "",
+                "single-coils-only": "",
+                "old-firmware": "",
+            }
+        ),
         "markers": MappingProxyType({**_ANY_REPLY, "blind": ""}),
     }
 )
@@ -74,7 +90,12 @@ class Fault:
     Regulator: `stuck-setpoint` (accepted, never taken over); `ignored-setpoint` (the setpoint source is
     analog); `stuck-exhaust` (EXH is reported, the valve stays shut); `overpressure` (the inlet sticks open);
     `frozen-sensor`, `low-sensor` (the reading stays, or is -2 psi; the controller opens its inlet for it).
-    Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only).
+    `unit-bar` (the device is set to bar, whatever rig.toml says). On Modbus: `swapped-words` (a gateway exchanges
+    the words of 32-bit values, both ways), `swapped-bytes` (the bytes of every word), `unknown-status-bit` (bit 20).
+    Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only);
+    `bytes-reversed` (function 01 answers its data bytes last first), `write-bytes-reversed` (function 0F takes them
+    so). Not answered: coil 0x00FF (`no-all-coil`); function 0F (`no-multiple-write`); both, and 01 for more than one
+    coil (`single-coils-only`); all but 05 for one coil and 01 at 0x00FF, eight channels (`old-firmware`).
     Markers: `blind` (every marker occluded).
 
     It begins once the plant time is `from_s` and the plant's pressure has been `from_psi`, for good.

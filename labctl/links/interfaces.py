@@ -87,8 +87,16 @@ class RegisterLink(Protocol):
         """Set a read whose reply no late reply can be mistaken for."""
         ...
 
+    def resync_by_coils(self, address: int, count: int, device_id: int) -> None:
+        """Set a read of coils for it, where a device answers nothing else."""
+        ...
+
     def read_coils(self, address: int, count: int, device_id: int, deadline: Deadline) -> tuple[bool, ...]:
         """Function 01."""
+        ...
+
+    def read_coil_bytes(self, address: int, count: int, device_id: int, deadline: Deadline) -> bytes:
+        """Function 01: the data bytes as they come, eight coils to a byte."""
         ...
 
     def write_coil(self, address: int, value: bool, device_id: int, deadline: Deadline) -> None:

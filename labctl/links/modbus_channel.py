@@ -17,15 +17,15 @@ class ModbusChannel(Protocol):
     """Bytes of Modbus frames, read one at a time.
 
     Reading singly leaves what follows a frame unread: the RTU framer throws away what it is given beyond one.
-    `overhead_bytes` is the length of a frame less its PDU. `strays` are the bytes that the wires add between frames,
-    and `may_echo` whether they bring a request back before its reply.
+    `overhead_bytes` is the length of a frame less its PDU. `strays` are the bytes that the wires add between frames.
+    `is_serial`: frames carry no number, so that a late reply looks like a new one, and a request may come back.
     """
 
     name: str
     framer: FramerBase
     overhead_bytes: int
     strays: bytes
-    may_echo: bool
+    is_serial: bool
 
     def write(self, frame: bytes, deadline: Deadline) -> None:
         """Send one frame."""
@@ -62,7 +62,7 @@ class RtuChannel:
     overhead_bytes = 3
     # A line that was let go of reads 0x00 or 0xFF, which are no device's address; boxes for text add CR and LF.
     strays = b"\x00\xff\r\n"
-    may_echo = True
+    is_serial = True
 
     def __init__(self, port: BytePort, baudrate: int, clock: Clock, quiet_s: float) -> None:
         self._port = port
@@ -126,7 +126,7 @@ class TcpChannel:
 
     overhead_bytes = 7
     strays = b""
-    may_echo = False
+    is_serial = False
 
     def __init__(self, connect: Callable[[float], TcpBytes], connect_timeout_s: float) -> None:
         self._connect = connect

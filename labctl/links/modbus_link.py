@@ -7,10 +7,9 @@ compared with the request's function, address or count.
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 
-from pymodbus.pdu import ExceptionResponse, ModbusPDU
+from pymodbus.pdu import ModbusPDU
 from pymodbus.pdu.bit_message import ReadCoilsRequest, WriteMultipleCoilsRequest, WriteSingleCoilRequest
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
@@ -23,11 +22,10 @@ from labctl.errors import GarbledReply, InstrumentRefused, NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.links.modbus_channel import ModbusChannel, RtuChannel, TcpChannel
 from labctl.links.modbus_replies import Reply, ReplyReader, shown
+from labctl.links.modbus_resync import ModbusResync, Probe
 from labctl.links.wires import SYSTEM_WIRES, Wires
 
 QUIET_S = 0.05
-# An answer that has not come after so long a silence is taken for lost.
-HOLD_S = 2.0
 CONNECT_TIMEOUT_S = 3.0
 _WRITE_REPLY_BYTES = 5
 _WRITES = (0x05, 0x0F, 0x10)
@@ -45,27 +43,12 @@ _EXCEPTIONS = {
 }
 
 
-@dataclass(frozen=True)
-class _Probe:
-    """The read that resynchronises."""
-
-    address: int
-    count: int
-    device_id: int
-
-    def looks_like(self, request: ModbusPDU, reply_bytes: int) -> bool:
-        """Whether a late reply to this request would be taken for the probe's."""
-        is_read = request.function_code == ReadHoldingRegistersRequest.function_code
-        return is_read and reply_bytes == 2 + 2 * self.count
-
-
 class ModbusLink:
     """One exchange at a time, and never an old reply for a new request.
 
     Every call ends by its deadline. After a failed exchange the link gets in step again before a reply is
     trusted: TCP connects anew; RTU discards input until the line is quiet, then reads the registers of
-    `resync_by_holding_registers` until their reply has come. While that reply may still be on its way the read is not
-    sent again, since the older reply would be taken for the newer one's; it is lost after a silence of `HOLD_S`.
+    `resync_by_holding_registers` until their reply has come (`ModbusResync`).
 
     What carries no doubt is left out and kept in `noticed`: stray bytes between frames, and the request itself where
     an adapter echoes it. A single coil is confirmed by a copy of its request: whether the line echoes is therefore
@@ -80,9 +63,7 @@ class ModbusLink:
         self._lock = clock.lock()
         self._suspect = False
         self._replies = ReplyReader(channel)
-        self._probe: _Probe | None = None
-        # When the probe was sent whose reply is awaited, or when anything came since.
-        self._probed_s: float | None = None
+        self._resync = ModbusResync(channel, clock, self._replies)
 
     @property
     def noticed(self) -> tuple[str, ...]:
@@ -91,7 +72,11 @@ class ModbusLink:
 
     def resync_by_holding_registers(self, address: int, count: int, device_id: int) -> None:
         """Set the read that resynchronises: no other request of the driver has a reply of its shape."""
-        self._probe = _Probe(address, count, device_id)
+        self._resync.use(Probe(address, count, device_id))
+
+    def resync_by_coils(self, address: int, count: int, device_id: int) -> None:
+        """Set a read of coils for it, where the device leaves the registers unanswered: it proves less."""
+        self._resync.fall_back_on(Probe(address, count, device_id, of_coils=True))
 
     def read_coils(self, address: int, count: int, device_id: int, deadline: Deadline) -> tuple[bool, ...]:
         """Function 01: `count` coils from `address` on.
@@ -102,11 +87,17 @@ class ModbusLink:
             InstrumentRefused: the device answered with an exception.
             LinkDown: the port or connection is gone.
         """
+        # The last byte is padded to eight coils.
+        packed = self.read_coil_bytes(address, count, device_id, deadline)
+        return tuple(bool(packed[coil // 8] >> coil % 8 & 1) for coil in range(count))
+
+    def read_coil_bytes(self, address: int, count: int, device_id: int, deadline: Deadline) -> bytes:
+        """Function 01: the data bytes as they come, eight coils to a byte; raises like `read_coils`."""
         request = ReadCoilsRequest(address=address, count=count, dev_id=device_id)
         packed = (count + 7) // 8
         reply = self._exchange(request, 2 + packed, deadline)
-        # The last byte is padded to eight coils.
-        return tuple(reply.pdu.bits[:count])
+        bits = reply.pdu.bits
+        return bytes(sum(bits[8 * byte + bit] << bit for bit in range(8)) for byte in range(packed))
 
     def write_coil(self, address: int, value: bool, device_id: int, deadline: Deadline) -> None:
         """Function 05; raises like `read_coils`."""
@@ -165,10 +156,12 @@ class ModbusLink:
             self._suspect = True
             sent = self._send(request, deadline)
             reply = self._next_reply(request, sent, reply_bytes, deadline)
-            if not self._is_reply(request, reply, reply_bytes):
+            if not self._replies.answers(request, reply, reply_bytes):
                 raise self._foreign(f"{reply.frame.hex(' ')} does not answer {shown(request)}")
             self._replies.learn_echo(reply.echoed, reply.frame == sent)
             self._suspect = not in_step or (reply.frame == sent and self._replies.echoes is None)
+            if not self._suspect:
+                self._resync.in_step()
         finally:
             self._lock.release()
         if reply.pdu.isError():
@@ -183,8 +176,7 @@ class ModbusLink:
         try:
             return self._replies.next(request, sent, reply_bytes, deadline)
         except NoAnswer:
-            if self._probe is not None and self._probe.looks_like(request, reply_bytes):
-                self._probed_s = self.clock.now_s()
+            self._resync.unanswered(request, reply_bytes)
             raise
 
     def _get_in_step(self, request: ModbusPDU, deadline: Deadline) -> bool:
@@ -208,14 +200,8 @@ class ModbusLink:
             with suppress(NoAnswer, GarbledReply):
                 return self._channel.discard_late_replies(deadline.share(0.5))
             return False
-        if self._probe is None:
-            self._channel.discard_late_replies(deadline)
-        elif self._probe_is_awaited() or not self._channel.discard_late_replies(deadline):
-            self._read_probe(self._probe, deadline)
+        self._resync.run(deadline)
         return True
-
-    def _probe_is_awaited(self) -> bool:
-        return self._probed_s is not None and self.clock.now_s() - self._probed_s < HOLD_S
 
     def _disturbed(self, request: ModbusPDU, deadline: Deadline) -> bool:
         """Whether anything has come that nobody requested, strays apart."""
@@ -229,47 +215,11 @@ class ModbusLink:
                 return True
         return True
 
-    def _read_probe(self, probe: _Probe, deadline: Deadline) -> None:
-        """Read up to the reply that cannot be late; a device answers in order, so no late one follows."""
-        request = ReadHoldingRegistersRequest(
-            address=probe.address, count=probe.count, dev_id=probe.device_id
-        )
-        sends = not self._probe_is_awaited()
-        if sends:
-            self._probed_s = self.clock.now_s()
-            self._send(request, deadline)
-        sent = self._channel.framer.buildFrame(request)
-        echoed = False
-        while True:
-            try:
-                reply = self._replies.next(request, sent, 2 + 2 * probe.count, deadline)
-            except GarbledReply:
-                self._probed_s = None
-                raise
-            echoed = echoed or reply.echoed
-            if self._is_reply(request, reply, 2 + 2 * probe.count):
-                self._probed_s = None
-                if sends:
-                    self._replies.learn_echo(echoed, reply.frame == sent)
-                return
-            self._probed_s = self.clock.now_s()
-
     def _send(self, request: ModbusPDU, deadline: Deadline) -> bytes:
         request.transaction_id = self._channel.next_transaction()
         frame = self._channel.framer.buildFrame(request)
         self._channel.write(frame, deadline)
         return frame
-
-    def _is_reply(self, request: ModbusPDU, reply: Reply, reply_bytes: int) -> bool:
-        if isinstance(reply.pdu, ExceptionResponse):
-            function, length = request.function_code | 0x80, 2
-        else:
-            function, length = request.function_code, reply_bytes
-        return (
-            reply.pdu.function_code == function
-            and reply.pdu.transaction_id == request.transaction_id
-            and len(reply.frame) == length + self._channel.overhead_bytes
-        )
 
     def _foreign(self, what: str) -> GarbledReply:
         self._suspect = True

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerRTU, FramerSocket
-from pymodbus.pdu import ModbusPDU
+from pymodbus.pdu import ExceptionResponse, ModbusPDU
 
 from labctl.errors import GarbledReply, NoAnswer
 from labctl.links.deadline import Deadline
@@ -49,7 +49,7 @@ class ReplyReader:
                 passed += 1
                 continue
             received += byte
-            if channel.may_echo and not echoed and self._is_echo(received, sent, reply_bytes):
+            if channel.is_serial and not echoed and self._is_echo(received, sent, reply_bytes):
                 if received == sent:
                     self.noticed.echo()
                     received, echoed = b"", True
@@ -65,6 +65,18 @@ class ReplyReader:
             return False
         self.noticed.stray(byte[0], "between replies")
         return True
+
+    def answers(self, request: ModbusPDU, reply: Reply, reply_bytes: int) -> bool:
+        """Whether the frame has the function, number and length of the request's reply, or refuses it."""
+        if isinstance(reply.pdu, ExceptionResponse):
+            function, length = request.function_code | 0x80, 2
+        else:
+            function, length = request.function_code, reply_bytes
+        return (
+            reply.pdu.function_code == function
+            and reply.pdu.transaction_id == request.transaction_id
+            and len(reply.frame) == length + self._channel.overhead_bytes
+        )
 
     def learn_echo(self, echoed: bool, mirrors: bool) -> None:
         """Take in whether a request came back before its reply; a reply that `mirrors` it alone says nothing."""

@@ -67,7 +67,7 @@ class ScriptedFrames:
     name = "device on a script"
     overhead_bytes = 3
     strays = b""
-    may_echo = False
+    is_serial = False
 
     def __init__(self, *exchanges):
         self.framer = FramerRTU(DecodePDU(False))
@@ -143,6 +143,8 @@ class ScriptedStream:
 
 
 def with_checksum(text):
+    if not text:
+        return b""
     body = bytes.fromhex(text)
     crc = 0xFFFF
     for byte in body:
