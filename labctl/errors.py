@@ -61,6 +61,10 @@ class SetpointOutOfRange(InstrumentError):
     """A setpoint outside the driver's own bounds; no byte was sent."""
 
 
+class Unproven(InstrumentError):
+    """What a setpoint would mean to the device is not proven; no setpoint was sent."""
+
+
 class Tripped(LabError):
     """The supervisor has vented the rig and latched; it stays so until reset."""
 

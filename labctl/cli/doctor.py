@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from labctl.cli.options import json_option, rig_option
-from labctl.cli.output import banner, emit_json
+from labctl.cli.output import banner, emit_json, unit_json
 from labctl.cli.rigs import chosen_rig
 
 if TYPE_CHECKING:
@@ -55,6 +55,7 @@ def doctor(rig_path: Path | None, as_json: bool) -> int:
         emit_json(
             {
                 "simulated": config.simulated,
+                **unit_json(config.regulator),
                 "ok": not failed,
                 "findings": [
                     {"subject": finding.subject, "verdict": finding.verdict, "text": finding.text}
@@ -87,7 +88,11 @@ def _regulator(config: "RigConfig", platform: "Platform") -> list[Finding]:
     regulator = open_regulator(config.regulator, config.limits, platform.scheduler, platform.wires)
     try:
         identity = regulator.identify()
-        findings = [Finding(regulator.name, "ok", _who(identity)), _setpoint_source(identity)]
+        findings = [
+            Finding(regulator.name, "ok", _who(identity)),
+            _pressure_unit(config),
+            _setpoint_source(identity),
+        ]
         reading = regulator.read()
         findings.append(
             Finding(
@@ -100,6 +105,18 @@ def _regulator(config: "RigConfig", platform: "Platform") -> list[Finding]:
     finally:
         regulator.close()
     return findings
+
+
+def _pressure_unit(config: "RigConfig") -> Finding:
+    regulator = config.regulator
+    if regulator.unit_proof() is not None:
+        return Finding("pressure unit", "ok", regulator.unit_word())
+    return Finding(
+        "pressure unit",
+        "fault",
+        f"{regulator.unit_word()}; nothing can be energised until it is: look at the display or ask the device over "
+        "ASCII (??D*), then write how that was done into regulator.pressure_unit_proven",
+    )
 
 
 def _setpoint_source(identity: "Identity") -> Finding:

@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from labctl.cli.options import design_option, json_option, ledger_option, rig_option
-from labctl.cli.output import banner, counted, emit_json, number, table
+from labctl.cli.output import banner, counted, emit_json, number, table, unit_json, unit_line
 from labctl.errors import BadInput, LabError
 
 if TYPE_CHECKING:
@@ -95,6 +95,7 @@ def _for_machines(finished: "FinishedRun", *, kept: bool) -> dict[str, Any]:
     level = _level(finished)
     return {
         "simulated": finished.run.simulated,
+        **unit_json(finished.config.regulator),
         "pattern": finished.planned[0].pattern,
         "pressure_psi": _rounded(level.mean_psi, 4),
         "heights_mm": _heights_mm(level.heights_mm).round(3),
@@ -114,6 +115,7 @@ def _for_people(finished: "FinishedRun") -> None:
     level, config = _level(finished), finished.config
     what = f"design {finished.run.design_name}, pattern {finished.planned[0].pattern}"
     banner(config.simulated)
+    unit_line(config.regulator)
     click.echo(f"{config.name}: {what}, channels {', '.join(map(str, _channels_on(finished)))} on")
     if level.mean_psi is not None:
         click.echo(

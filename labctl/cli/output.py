@@ -5,12 +5,15 @@ import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from labctl.nonblocking_output import NonBlockingOutput
 from labctl.plain_json import to_json
+
+if TYPE_CHECKING:
+    from labctl.config.rig import RegulatorConfig
 
 SIMULATED = "SIMULATED RIG: byte-level doubles answer; no real instrument is connected"
 
@@ -24,6 +27,17 @@ def banner(simulated: bool) -> None:
     """Print that the rig is simulated, where it is."""
     if simulated:
         click.echo(SIMULATED)
+
+
+def unit_line(regulator: "RegulatorConfig") -> None:
+    """Print what vouches for the pressure unit, where the device itself does not."""
+    if regulator.driver == "alicat-modbus":
+        click.echo(f"pressure unit {regulator.unit_word()}")
+
+
+def unit_json(regulator: "RegulatorConfig") -> dict[str, str | None]:
+    """The unit that the regulator is set to, and what vouches for it."""
+    return {"pressure_unit": regulator.pressure_unit, "pressure_unit_proven": regulator.unit_proof()}
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

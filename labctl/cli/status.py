@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from labctl.cli.options import json_option, rig_option
-from labctl.cli.output import banner, emit_json
+from labctl.cli.output import banner, emit_json, unit_json, unit_line
 from labctl.cli.rigs import chosen_rig
 
 
@@ -39,6 +39,7 @@ def status(rig_path: Path | None, as_json: bool) -> None:
         emit_json(
             {
                 "simulated": config.simulated,
+                **unit_json(config.regulator),
                 "safe": report.safe,
                 "pressure_psi": reading.gauge_psi,
                 "setpoint_psi": reading.setpoint_psi,
@@ -48,6 +49,7 @@ def status(rig_path: Path | None, as_json: bool) -> None:
         )
         return
     banner(config.simulated)
+    unit_line(config.regulator)
     click.echo(f"{config.name}: {'SAFE' if report.safe else 'NOT SAFE: ' + '; '.join(report.problems)}")
     click.echo(f"pressure  {reading.gauge_psi:.2f} psi, setpoint {reading.setpoint_psi:.2f} psi")
     click.echo(f"flags     {' '.join(sorted(reading.status)) or 'none'}")

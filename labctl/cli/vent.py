@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from labctl.cli.options import json_option, rig_option
-from labctl.cli.output import banner, emit_json
+from labctl.cli.output import banner, emit_json, unit_json, unit_line
 from labctl.cli.rigs import chosen_rig
 
 _BUSY_S = 30.0
@@ -40,6 +40,7 @@ def vent(rig_path: Path | None, as_json: bool) -> int:
         emit_json(
             {
                 "simulated": config.simulated,
+                **unit_json(config.regulator),
                 "safe": report.safe,
                 "pressure_psi": report.pressure_psi,
                 "setpoint_psi": report.setpoint_psi,
@@ -50,5 +51,6 @@ def vent(rig_path: Path | None, as_json: bool) -> int:
         )
     else:
         banner(config.simulated)
+        unit_line(config.regulator)
         click.echo(f"{config.name}: {report.describe()}")
     return 0 if report.safe else 1

@@ -34,6 +34,7 @@ def rig_problems(document: Document) -> list[Problem]:
         *_missing_addresses(document),
         *_shared_port(document),
         *_no_way_to_vent(document),
+        *_modbus_keys_elsewhere(document),
         *_repeated_points(document),
         *_too_little_spread(document),
     ]
@@ -79,6 +80,21 @@ def _no_way_to_vent(document: Document) -> Iterator[Problem]:
             "hold-closed is not vent: a single-valve PC cannot exhaust; "
             "buy a PCD or add a normally-open dump valve (valves.dump_channel)",
         )
+
+
+def _modbus_keys_elsewhere(document: Document) -> Iterator[Problem]:
+    regulator = _section(document, "regulator")
+    if regulator.get("driver") != "alicat-ascii":
+        return
+    reasons = {
+        "pressure_unit_proven": "the device tells its unit itself over ASCII, and it is compared",
+        "word_order": "ASCII has no words",
+    }
+    for key, reason in reasons.items():
+        if key in regulator:
+            yield problem_at(
+                document, ("regulator", key), f'is for driver = "alicat-modbus" only ({reason}); leave it out'
+            )
 
 
 def _repeated_points(document: Document) -> Iterator[Problem]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from labctl.errors import BadInput
 
 PressureUnit = Literal["psi", "kPa", "bar", "mbar"]
+WordOrder = Literal["high-first", "low-first"]
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 
@@ -17,7 +18,8 @@ class RegulatorConfig:
     """A pressure regulator. `model` "PCD" has two valves and can exhaust; "PC" has one and cannot.
 
     `unit_id` is the letter of the ASCII protocol, `device_id` the number on Modbus; `pressure_unit` is the
-    unit that the device itself is set to.
+    unit that the device itself is set to. Over Modbus the device does not tell it: `pressure_unit_proven` is the
+    user's word for how it was proven, "" where nobody has; `word_order` counts there only, too.
     """
 
     name: str
@@ -29,6 +31,21 @@ class RegulatorConfig:
     device_id: int
     pressure_unit: PressureUnit
     timeout_s: float
+    pressure_unit_proven: str = ""
+    word_order: WordOrder = "high-first"
+
+    def unit_proof(self) -> str | None:
+        """What vouches for `pressure_unit`; None where nothing does."""
+        if self.driver == "alicat-ascii":
+            return "the device's own data frame table"
+        return self.pressure_unit_proven or None
+
+    def unit_word(self) -> str:
+        """The unit and what vouches for it, for people."""
+        proof = self.unit_proof()
+        if proof is None:
+            return f"{self.pressure_unit} by rig.toml, NOT PROVEN: over Modbus the device does not tell it"
+        return f"{self.pressure_unit}, proven: {proof}"
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from labctl.config.rig import (
     RegulatorConfig,
     RigConfig,
     ValvesConfig,
+    WordOrder,
 )
 from labctl.config.rules import Flag, Number, OneOf, Quantity, Range, Text, Whole
 
@@ -86,6 +87,8 @@ class RegulatorSection(Section):
     unit_id: Annotated[str, PlainValidator(Text("one letter from A to Z", "[A-Z]"))] = "A"
     device_id: DeviceId = 1
     pressure_unit: Annotated[PressureUnit, PlainValidator(OneOf(("psi", "kPa", "bar", "mbar")))]
+    pressure_unit_proven: Name | None = None
+    word_order: Annotated[WordOrder, PlainValidator(OneOf(("high-first", "low-first")))] = "high-first"
     timeout: Exchange = 0.5
 
     def config(self) -> RegulatorConfig:
@@ -100,6 +103,8 @@ class RegulatorSection(Section):
             device_id=self.device_id,
             pressure_unit=self.pressure_unit,
             timeout_s=self.timeout,
+            pressure_unit_proven=self.pressure_unit_proven or "",
+            word_order=self.word_order,
         )
 
 

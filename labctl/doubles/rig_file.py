@@ -43,8 +43,17 @@ def _regulator(settings: DoublesSettings, port: str) -> list[str]:
         'unit_id = "A"',
         "device_id = 1",
         'pressure_unit = "psi"',
+        *_unit_proof(settings),
         'timeout = "0.5 s"',
     ]
+
+
+def _unit_proof(settings: DoublesSettings) -> list[str]:
+    """What makes sure of the unit, where the protocol does not: nothing, where the double is set to another."""
+    in_another = any(fault.kind == "unit-bar" for fault in settings.faults.regulator)
+    if settings.regulator == "alicat-ascii" or in_another:
+        return []
+    return ['pressure_unit_proven = "the double is made in psi"']
 
 
 def _valves(settings: DoublesSettings, address: str) -> list[str]:

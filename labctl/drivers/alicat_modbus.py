@@ -1,17 +1,26 @@
 """Alicat PC and PCD pressure controllers over Modbus (bulletin DOC-MAN-MODBUS Rev 6).
 
 Register numbers here are those on the wire, one less than the manual's. 32-bit values take two registers,
-high word first. The device knows functions 03, 04 and 16.
+high word first; a gateway may exchange them (`labctl.drivers.word_order`). The device knows functions 03, 04 and 16.
 """
 
 import math
-import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-from labctl.config.rig import PressureUnit
+from labctl.config.rig import PressureUnit, WordOrder
 from labctl.drivers.pressure_unit import from_psi, to_psi
 from labctl.drivers.setpoint_limit import check_setpoint
-from labctl.errors import BadInput, GarbledReply, InstrumentRefused, ReadBackMismatch
+from labctl.drivers.word_order import (
+    ORDERS,
+    SMALLEST,
+    SMALLEST_BY_CHANCE,
+    Decoded,
+    OrderProof,
+    decode,
+    encode,
+    is_small,
+)
+from labctl.errors import BadInput, GarbledReply, InstrumentRefused, ReadBackMismatch, Unproven
 from labctl.instruments.readings import Identity, PressureReading
 from labctl.links.deadline import Deadline
 from labctl.links.interfaces import RegisterLink
@@ -28,22 +37,29 @@ EXHAUST = 3
 
 STATUS_BITS = {6: "POV", 8: "HLD", 9: "ADC", 10: "EXH", 11: "OPL"}
 COMMAND_ERRORS = {0x8001: "unknown command", 0x8002: "bad setting", 0x8003: "not supported by this device"}
+KNOWN_BITS = sum(1 << bit for bit in STATUS_BITS)
 UNUSED = 0xFFFFFFFF
 # A display of two decimals in psi, and single precision.
 READ_BACK_TOLERANCE_PSI = 0.0051
 # The device may confirm a command before its status shows it.
 READ_BACKS = 3
+# A gauge at rest shows another value at nearly every reading, and one or two of them leave one order possible.
+PROOF_READS = 50
+PROOF_PAUSE_S = 0.02
 
 
 class AlicatModbus:
     """A gauge pressure controller on Modbus RTU or TCP.
 
-    The registers hold neither the device's unit nor its model: `pressure_unit` and `dual_valve` are believed.
+    The registers hold neither the device's unit nor its model: `dual_valve` is believed, and `pressure_unit` only
+    where `unit_proof` says how it was proven. Setpoint 0, which is 0 in every unit and order, is always written.
 
     Args:
         link: Modbus.
         device_id: 1 to 247.
         pressure_unit: the unit that the device is set to.
+        unit_proof: how somebody made sure of that unit; None where nobody has.
+        word_order: which word of a 32-bit value comes first; proven by readings before the first setpoint.
         max_setpoint_psi: setpoints above are refused before a byte is sent.
         dual_valve: the device has an exhaust valve (PCD).
         name: for messages.
@@ -65,6 +81,8 @@ class AlicatModbus:
         dual_valve: bool,
         name: str,
         timeout_s: float,
+        unit_proof: str | None = None,
+        word_order: WordOrder = "high-first",
         plausible_psi: tuple[float, float] = (-15.0, 22.5),
     ) -> None:
         if not 1 <= device_id <= 247:
@@ -78,21 +96,27 @@ class AlicatModbus:
         self._link = link
         self._device_id = device_id
         self._unit = pressure_unit
+        self._unit_proof = unit_proof
+        self._order = word_order
+        self._proof = OrderProof(self._could_be)
         self._plausible_psi = plausible_psi
         # One register by function 03: readings come by function 04, command results as two registers.
         link.resync_by_holding_registers(COMMAND_STATUS, 1, device_id)
 
     def identify(self, timeout_s: float | None = None) -> Identity:
-        """Prove by a reading that the device answers; these registers do not identify it.
+        """Prove by readings that the device answers, and in which order of words; the registers do not identify it.
 
         Raises:
+            Unproven: the readings leave more than one order possible.
             NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `read`.
         """
-        self.read(timeout_s)
+        self._prove_order(self._deadline(timeout_s))
         return Identity(
             model="Alicat pressure controller",
             notes=(
-                f"over Modbus the device reports neither model nor unit; {self._unit} as configured",
+                f"over Modbus the device reports neither model nor unit; {self._unit} as configured, "
+                f"{'not proven' if self._unit_proof is None else f'proven: {self._unit_proof}'}",
+                f"words {self._order}, as readings have shown",
                 *self._link.noticed,
             ),
         )
@@ -102,7 +126,7 @@ class AlicatModbus:
 
         Raises:
             NoAnswer, InstrumentRefused, LinkDown: as the link has it.
-            GarbledReply: also a value that is not a number, or a pressure that cannot be.
+            GarbledReply: also a value that is not a number, a pressure that cannot be, or an unknown status bit.
         """
         return self._read(self._deadline(timeout_s))
 
@@ -111,13 +135,17 @@ class AlicatModbus:
 
         Raises:
             SetpointOutOfRange: below 0 or above `max_setpoint_psi`; nothing was sent.
+            Unproven: above 0 while the device's unit or the order of words is not proven; no setpoint was sent.
             ReadBackMismatch: the device kept another setpoint.
             NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `read`; the setpoint may have been taken.
         """
         check_setpoint(self.name, setpoint_psi, self.max_setpoint_psi)
         deadline = self._deadline(timeout_s)
-        high, low = struct.unpack(">HH", struct.pack(">f", from_psi(setpoint_psi, self._unit)))
-        self._link.write_registers(SETPOINT, (high, low), self._device_id, deadline)
+        if setpoint_psi > 0:
+            self._require_unit(setpoint_psi)
+            self._prove_order(deadline)
+        words = encode(from_psi(setpoint_psi, self._unit), self._order)
+        self._link.write_registers(SETPOINT, words, self._device_id, deadline)
         reading = self._read_back(
             lambda it: abs(it.setpoint_psi - setpoint_psi) <= READ_BACK_TOLERANCE_PSI, deadline
         )
@@ -183,32 +211,93 @@ class AlicatModbus:
             reading = self._read(deadline)
         return reading
 
+    def _require_unit(self, setpoint_psi: float) -> None:
+        if self._unit_proof is None:
+            raise Unproven(
+                f"{self.name}: over Modbus the device does not tell its unit, and nothing proves that it is "
+                f"{self._unit} (a device in bar would take {setpoint_psi:g} for {setpoint_psi * 14.5038:.0f} psi); "
+                "look at its display or ask it over ASCII (??D*), then write how that was done into rig.toml, "
+                "regulator.pressure_unit_proven"
+            )
+
+    def _prove_order(self, deadline: Deadline) -> None:
+        """Read until the order of words is beyond doubt; nothing where it is already."""
+        for _ in range(PROOF_READS):
+            if self._proof.proves(self._order):
+                return
+            words = self._words(deadline)
+            self._proof.hear(words)
+            if self._order not in self._proof.possible:
+                raise self._no_reading(words, "the registers are no reading")
+            if deadline.remaining_s() < 2 * PROOF_PAUSE_S:
+                break
+            self._link.clock.sleep(PROOF_PAUSE_S)
+        if not self._proof.proves(self._order):
+            raise Unproven(
+                f"{self.name}: the registers read {_hexadecimal(words)}, which is a reading with the words "
+                f"{' and with the words '.join(self._proof.possible)}: which of them it is must be known before a "
+                "setpoint is written; run labctl vent, which opens the exhaust and so sets a status bit that tells, "
+                "or let the gauge read something other than 0"
+            )
+
+    def _words(self, deadline: Deadline) -> tuple[int, ...]:
+        return self._link.read_input_registers(STATUS, READING_REGISTERS, self._device_id, deadline)
+
     def _read(self, deadline: Deadline) -> PressureReading:
-        words = self._link.read_input_registers(STATUS, READING_REGISTERS, self._device_id, deadline)
-        status_bits = words[0] << 16 | words[1]
-        if status_bits == UNUSED:
+        words = self._words(deadline)
+        decoded = decode(words, self._order)
+        if decoded.status_bits == UNUSED:
             raise GarbledReply(
                 f"{self.name}: the status reads 0xFFFFFFFF, an unused register; check the model"
             )
-        status = frozenset(STATUS_BITS.get(bit, f"BIT{bit}") for bit in range(32) if status_bits >> bit & 1)
+        unknown = [bit for bit in range(32) if decoded.status_bits & ~KNOWN_BITS & 1 << bit]
+        if unknown:
+            raise self._no_reading(
+                words, f"status bit {', '.join(map(str, unknown))} is set, which the map does not have"
+            )
         return PressureReading(
-            gauge_psi=self._pressure_psi("pressure", words[2], words[3]),
-            setpoint_psi=self._pressure_psi("setpoint", words[4], words[5]),
-            status=status,
+            gauge_psi=self._pressure_psi("pressure", decoded.pressure, words),
+            setpoint_psi=self._pressure_psi("setpoint", decoded.setpoint, words),
+            status=frozenset(name for bit, name in STATUS_BITS.items() if decoded.status_bits >> bit & 1),
         )
 
-    def _pressure_psi(self, what: str, high: int, low: int) -> float:
-        (value,) = struct.unpack(">f", struct.pack(">HH", high, low))
+    def _pressure_psi(self, what: str, value: float, words: Sequence[int]) -> float:
         if not math.isfinite(value):
-            raise GarbledReply(f"{self.name}: the {what} reads {value}, an unused register; check the model")
+            raise self._no_reading(words, f"the {what} reads {value}, as an unused register does")
+        if is_small(value, SMALLEST_BY_CHANCE if self._proof.proves(self._order) else SMALLEST):
+            raise self._no_reading(
+                words, f"a {what} of {value:.3g} {self._unit} is smaller than any gauge shows"
+            )
         pressure_psi = to_psi(value, self._unit)
         lowest, highest = self._plausible_psi
         if not lowest <= pressure_psi <= highest:
-            raise GarbledReply(
-                f"{self.name}: a {what} of {pressure_psi:g} psi is not between {lowest:g} and {highest:g} "
-                f"psi; check the link, and that the device's unit is {self._unit} (regulator.pressure_unit)"
+            raise self._no_reading(
+                words, f"a {what} of {pressure_psi:g} psi is not between {lowest:g} and {highest:g} psi"
             )
         return pressure_psi
+
+    def _could_be(self, decoded: Decoded) -> bool:
+        """Whether this could be a reading of a device of this map."""
+        lowest, highest = self._plausible_psi
+        return not decoded.status_bits & ~KNOWN_BITS and all(
+            not is_small(value, SMALLEST_BY_CHANCE) and lowest <= to_psi(value, self._unit) <= highest
+            for value in (decoded.pressure, decoded.setpoint)
+        )
+
+    def _no_reading(self, words: Sequence[int], what: str) -> GarbledReply:
+        others = [
+            f"{to_psi(decoded.pressure, self._unit):.3g} psi with the words {order}"
+            for order in ORDERS
+            if order != self._order and self._could_be(decoded := decode(words, order))
+        ]
+        advice = (
+            f"they would be a pressure of {' or '.join(others)}: set the gateway's order, or regulator.word_order"
+            if others
+            else f"check model and gateway, and that the device's unit is {self._unit} (regulator.pressure_unit)"
+        )
+        return GarbledReply(
+            f"{self.name}: {what} (registers {_hexadecimal(words)}, words {self._order}); {advice}"
+        )
 
     def _command(self, command: int, argument: int, deadline: Deadline) -> None:
         self._link.write_registers(COMMAND, (command, argument), self._device_id, deadline)
@@ -228,3 +317,7 @@ class AlicatModbus:
 
     def _deadline(self, timeout_s: float | None) -> Deadline:
         return Deadline(self._link.clock, self.timeout_s if timeout_s is None else timeout_s)
+
+
+def _hexadecimal(words: Sequence[int]) -> str:
+    return " ".join(f"{word:04X}" for word in words)

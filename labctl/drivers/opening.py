@@ -37,6 +37,8 @@ def open_regulator(
         open_modbus_serial(config.port, config.baudrate, clock, config.name, wires=wires),
         device_id=config.device_id,
         pressure_unit=config.pressure_unit,
+        unit_proof=config.pressure_unit_proven or None,
+        word_order=config.word_order,
         max_setpoint_psi=limits.max_pressure_psi,
         dual_valve=dual_valve,
         name=config.name,

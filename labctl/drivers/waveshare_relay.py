@@ -68,9 +68,6 @@ class WaveshareRelay:
         self._coils.read(deadline)
         version = self._register(VERSION_REGISTER, deadline)
         if version is None:
-            # What was not answered leaves the link out of step.
-            self._coils.resync_by_own_way()
-            self._coils.read(deadline)
             return Identity(self._model(), notes=("it does not tell its version", *self._notes()))
         address = self._register(ADDRESS_REGISTER, deadline)
         if address is not None and address != self._device_id:
@@ -191,7 +188,12 @@ class WaveshareRelay:
     def _register(self, address: int, deadline: Deadline) -> int | None:
         try:
             (value,) = self._link.read_holding_registers(address, 1, self._device_id, deadline.share(0.3))
-        except (NoAnswer, InstrumentRefused):
+        except InstrumentRefused:
+            return None
+        except NoAnswer:
+            # It leaves the link out of step, and only what the board does answer can set it right again.
+            self._coils.resync_by_own_way()
+            self._coils.read(deadline)
             return None
         return value
 

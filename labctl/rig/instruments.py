@@ -118,6 +118,12 @@ def _require_as_configured(regulator: Identity, config: RigConfig) -> None:
             f"{config.regulator.name} calls itself {regulator.model}, a single-valve PC that cannot exhaust, and "
             "regulator.model is PCD; correct it and give the rig a dump valve (valves.dump_channel)"
         )
+    if config.regulator.unit_proof() is None:
+        raise InstrumentError(
+            f"{config.regulator.name} does not tell its unit over Modbus, and nothing proves that it is "
+            f"{config.regulator.pressure_unit}: a device in bar would take 3.9 for 57 psi. Look at its display or "
+            "ask it over ASCII (??D*), then write how that was done into regulator.pressure_unit_proven"
+        )
     if regulator.setpoint_source == "analog":
         raise InstrumentError(
             f"{config.regulator.name} takes its setpoint from its analog input and would ignore ours; set its "

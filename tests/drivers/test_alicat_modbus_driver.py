@@ -2,8 +2,15 @@
 
 import pytest
 
-from labctl.drivers.alicat_modbus import AlicatModbus
-from labctl.errors import BadInput, GarbledReply, InstrumentRefused, ReadBackMismatch, SetpointOutOfRange
+from labctl.drivers.alicat_modbus import PROOF_READS, AlicatModbus
+from labctl.errors import (
+    BadInput,
+    GarbledReply,
+    InstrumentRefused,
+    ReadBackMismatch,
+    SetpointOutOfRange,
+    Unproven,
+)
 
 READ = "01 04 04 B0 00 06"
 AT_3_9 = "40 79 99 9A"
@@ -26,6 +33,7 @@ def regulator(link, **changes):
     settings = {
         "device_id": 1,
         "pressure_unit": "psi",
+        "unit_proof": "read off its display",
         "max_setpoint_psi": 4.0,
         "dual_valve": True,
         "name": "regulator A",
@@ -51,7 +59,6 @@ def test_read_takes_status_pressure_and_setpoint_at_once(registers):
         ("00 00 04 00", {"EXH"}),
         ("00 00 08 00", {"OPL"}),
         ("00 00 05 40", {"POV", "HLD", "EXH"}),
-        ("80 00 00 00", {"BIT31"}),
     ],
 )
 def test_status_bits(registers, bits, names):
@@ -63,9 +70,15 @@ def test_a_device_in_millibar(registers):
     assert device.read().gauge_psi == pytest.approx(3.9, abs=1e-4)
 
 
+# A gauge at rest, which is a reading in no other order: 0.0031 psi.
+AT_REST = "3B 4B 29 5F"
+PROVES = (READ, reading(AT_0, AT_REST, AT_0))
+
+
 def test_setpoint_goes_as_one_request(registers):
     device = regulator(
         registers(
+            PROVES,
             (f"01 10 03 F1 00 02 04 {AT_3_9}", "01 10 03 F1 00 02"),
             (READ, reading(AT_0, AT_0, AT_3_9)),
         )
@@ -76,6 +89,7 @@ def test_setpoint_goes_as_one_request(registers):
 def test_a_setpoint_that_is_not_taken(registers):
     device = regulator(
         registers(
+            PROVES,
             (f"01 10 03 F1 00 02 04 {AT_3_9}", "01 10 03 F1 00 02"),
             *[(READ, reading(AT_0, AT_0, AT_0))] * 3,
         )
@@ -138,8 +152,18 @@ def test_a_result_of_nothing_known_is_garbled(registers, status, done):
         reading(AT_0, "FF FF FF FF"),
         reading(AT_0, AT_3_9, "7F 80 00 00"),
         reading(AT_0, "42 C8 00 00"),
-        # 3.9 with its words exchanged
-        reading(AT_0, "99 9A 40 79", "47 C3 50 00"),
+        # 3.9 with its words exchanged, its bytes, both
+        reading(AT_0, "99 9A 40 79", "99 9A 40 79"),
+        reading(AT_0, "79 40 9A 99", "79 40 9A 99"),
+        reading(AT_0, "9A 99 79 40", "9A 99 79 40"),
+        # 1e-7, a denormal, minus infinity
+        reading(AT_0, "33 D6 BF 95"),
+        reading(AT_0, "00 00 40 79"),
+        reading(AT_0, "FF 80 00 00"),
+        # Bits 20 and 31, which the map does not have; EXH with its words exchanged
+        reading("00 10 00 00"),
+        reading("80 00 00 00"),
+        reading("04 00 00 00"),
     ],
 )
 def test_what_cannot_be_a_pressure_is_no_reading(registers, reply):
@@ -147,10 +171,78 @@ def test_what_cannot_be_a_pressure_is_no_reading(registers, reply):
         regulator(registers((READ, reply))).read()
 
 
-def test_identify_notes_what_the_registers_do_not_hold(registers):
-    identity = regulator(registers((READ, reading(AT_0)))).identify()
+def test_a_wrong_order_is_named_with_the_registers_and_what_they_would_be(registers):
+    device = regulator(registers((READ, reading(AT_0, "99 9A 40 79", AT_0))))
+    with pytest.raises(
+        GarbledReply, match=r"-1.59e-23 psi.*registers 0000 0000 999A 4079.*3.9 psi with the words low-first"
+    ):
+        device.read()
+
+
+def test_an_unknown_bit_is_named(registers):
+    device = regulator(registers((READ, reading("00 10 00 00"))))
+    with pytest.raises(GarbledReply, match="status bit 20 is set, which the map does not have"):
+        device.read()
+
+
+def test_low_first_reads_and_writes_with_the_low_word_first(registers):
+    device = regulator(
+        registers(
+            (READ, reading(AT_0, "29 5F 3B 4B", AT_0)),
+            ("01 10 03 F1 00 02 04 99 9A 40 79", "01 10 03 F1 00 02"),
+            (READ, reading("04 00 00 00", "29 5F 3B 4B", "99 9A 40 79")),
+        ),
+        word_order="low-first",
+    )
+    found = device.write_setpoint(3.9)
+    assert (found.setpoint_psi, found.status) == (pytest.approx(3.9), {"EXH"})
+
+
+@pytest.mark.parametrize(
+    ("at_rest", "order"),
+    [
+        ("29 5F 3B 4B", "low-first"),
+        ("4B 3B 5F 29", "high-first, bytes exchanged"),
+        ("5F 29 4B 3B", "low-first, bytes exchanged"),
+    ],
+)
+def test_no_setpoint_leaves_where_the_order_is_another(registers, at_rest, order):
+    device = regulator(registers((READ, reading(AT_0, at_rest, AT_0))))
+    with pytest.raises(GarbledReply, match=f"0.0031 psi with the words {order}"):
+        device.write_setpoint(0.1)
+
+
+def test_the_order_is_read_for_until_one_is_left(registers):
+    """Zeros tell nothing; 0.5 is 2e-41 with its words exchanged; EXH is a bit of no other order."""
+    device = regulator(registers((READ, reading(AT_0, AT_0, AT_0)), PROVES))
+    assert "words high-first" in device.identify().notes[1]
+    exhausting = regulator(registers((READ, reading("00 00 04 00", AT_0, AT_0)), PROVES))
+    assert exhausting.read().exhausting
+    assert "words high-first" in exhausting.identify().notes[1]
+
+
+def test_zeros_alone_prove_no_order_and_no_setpoint_leaves(registers):
+    device = regulator(registers(*[(READ, reading(AT_0, AT_0, AT_0))] * PROOF_READS))
+    with pytest.raises(Unproven, match=r"high-first and with the words low-first.*labctl vent"):
+        device.write_setpoint(0.1, timeout_s=5)
+
+
+def test_no_byte_leaves_while_the_unit_is_not_proven_but_for_setpoint_0(registers):
+    device = regulator(
+        registers((f"01 10 03 F1 00 02 04 {AT_0}", "01 10 03 F1 00 02"), (READ, reading(AT_0, AT_0, AT_0))),
+        unit_proof=None,
+    )
+    with pytest.raises(Unproven, match=r"a device in bar would take 3.9 for 57 psi.*pressure_unit_proven"):
+        device.write_setpoint(3.9)
+    assert device.write_setpoint(0.0).setpoint_psi == 0
+
+
+@pytest.mark.parametrize(("proof", "said"), [(None, "not proven"), ("by hand", "proven: by hand")])
+def test_identify_notes_what_the_registers_do_not_hold(registers, proof, said):
+    identity = regulator(registers(PROVES), unit_proof=proof).identify()
     assert identity.serial_number is None
     assert "neither model nor unit" in identity.notes[0]
+    assert identity.notes[0].endswith(said)
 
 
 @pytest.mark.parametrize("device_id", [0, 248])

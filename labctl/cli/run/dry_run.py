@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.output import banner, counted, emit_json
+from labctl.cli.output import banner, counted, emit_json, unit_line
 from labctl.cli.rigs import rig_to_be
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ def print_plan(prepared: "PreparedRun", rig_path: Path | None, as_json: bool) ->
         emit_json(_for_machines(prepared, config, groups, lasts_s))
         return
     banner(config.simulated)
+    unit_line(config.regulator)
     click.echo(
         f"{prepared.protocol.name} on {config.name}: {counted(len(trials), 'trial')}, usually {_minutes(lasts_s)}"
     )

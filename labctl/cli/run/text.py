@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.output import ProgressLine, banner, counted, emit_json, table
+from labctl.cli.output import ProgressLine, banner, counted, emit_json, table, unit_json, unit_line
 from labctl.errors import BadInput, Stopped
 from labctl.nonblocking_output import NonBlockingOutput
 
@@ -55,6 +55,8 @@ class RunReporter:
         """Print which run it is."""
         planned = counted(self._planned, "trial")
         self._print(f"run {run.number}: {run.protocol}, design {run.design_name}, {planned}")
+        if self._config.regulator.driver == "alicat-modbus":
+            self._print(f"pressure unit {self._config.regulator.unit_word()}")
 
     def observer(self) -> "RunObserver":
         """The callbacks that the engine reports to."""
@@ -114,10 +116,14 @@ def print_result(
     as_json: bool,
 ) -> None:
     """Print the result of a finished run, as a table or as JSON."""
+    from labctl.config.rig import RegulatorConfig
+
+    regulator = RegulatorConfig(**run.rig["regulator"])
     if as_json:
         emit_json(
             {
                 "simulated": run.simulated,
+                **unit_json(regulator),
                 "run": run.number,
                 "protocol": run.protocol,
                 "trials": [_trial_for_machines(trial) for trial in trials],
@@ -128,6 +134,7 @@ def print_result(
         return
     click.echo("")
     banner(run.simulated)
+    unit_line(regulator)
     print_summary(summary)
     if safe is not None:
         click.echo(safe.describe())
