@@ -158,12 +158,15 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
     source = open_markers(config.markers, platform.scheduler, platform.scheduler, platform.wires)
     feed = MarkerFeed(source, platform.scheduler)
     try:
-        who = _who(source.identify())
+        identity = source.identify()
         source.start()
         feed.start()
         mark = feed.mark()
         platform.scheduler.sleep(_MARKER_LOOK_S)
         frames = feed.since(mark)
+        feed.close()
+        # What was passed over in the stream stands in the notes by now.
+        passed_over = set(source.identify().notes) - set(identity.notes)
     finally:
         feed.close()
         source.close()
@@ -171,7 +174,8 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
     window = average(frames, ids)
     unseen = [str(marker) for marker, seen in zip(ids, window.seen, strict=True) if seen == 0]
     findings = [
-        Finding(source.name, "ok", who),
+        Finding(source.name, "ok", _who(identity)),
+        *(Finding(source.name, "missing", note) for note in sorted(passed_over)),
         Finding(
             source.name,
             "ok",

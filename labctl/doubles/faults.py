@@ -10,7 +10,7 @@ from labctl.clock import Clock
 from labctl.errors import BadInput
 
 Instrument = Literal["regulator", "valves", "markers"]
-Argument = Literal["", "seconds", "psi", "count", "channel"]
+Argument = Literal["", "seconds", "psi", "count", "channel", "percent"]
 
 _ANY_REPLY: dict[str, Argument] = {
     "silent": "",
@@ -68,7 +68,24 @@ ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
                 "old-firmware": "",
             }
         ),
-        "markers": MappingProxyType({**_ANY_REPLY, "blind": ""}),
+        "markers": MappingProxyType(
+            {
+                **_ANY_REPLY,
+                "blind": "",
+                "bad-checksum": "percent",
+                "interleaved": "",
+                "filter-frames": "",
+                "payload-in-close": "",
+                "initialized-on-initialize-only": "",
+                "initialized-on-id-0-only": "",
+                "odd-greeting": "",
+                "error-events": "",
+                "repeated-times": "",
+                "times-back": "",
+                "partial-record": "",
+                "impossible-size": "",
+            }
+        ),
     }
 )
 
@@ -96,7 +113,13 @@ class Fault:
     `bytes-reversed` (function 01 answers its data bytes last first), `write-bytes-reversed` (function 0F takes them
     so). Not answered: coil 0x00FF (`no-all-coil`); function 0F (`no-multiple-write`); both, and 01 for more than one
     coil (`single-coils-only`); all but 05 for one coil and 01 at 0x00FF, eight channels (`old-firmware`).
-    Markers: `blind` (every marker occluded).
+    Markers: `blind` (every marker occluded); `bad-checksum` (of a packet in `value` per cent of the frames);
+    `interleaved` (events and other data within a frame);
+    `filter-frames` (a filter's frames beside the raw ones); `payload-in-close` (of the closing packet);
+    `initialized-on-initialize-only`, `initialized-on-id-0-only` (where the answer to initialize goes);
+    `odd-greeting` (tables in parts and after `opened`, unknown names). In every hundredth frame: `error-events`
+    (an error in words); `repeated-times`, `times-back` (its time is that of the frame before it, or earlier);
+    `partial-record` (a byte short); `impossible-size` (more than 4 MiB announced).
 
     It begins once the plant time is `from_s` and the plant's pressure has been `from_psi`, for good.
     """

@@ -3,28 +3,63 @@
 from collections import deque
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labctl.clock import Clock
 from labctl.doubles.line_faults import Delivery, LineFaults
 from labctl.doubles.markers import Cameras, MarkerBatch, MarkerSettings
-from labctl.doubles.phasespace_packets import Packet, encode_frames, take_packet
-from labctl.doubles.phasespace_session import NAMES, Hub, Session
+from labctl.doubles.phasespace_faults import FrameFaults
+from labctl.doubles.phasespace_hub import NAMES, Hub
+from labctl.doubles.phasespace_packets import encode_frames, take_packet
+from labctl.doubles.phasespace_session import BROADCAST, TCP, UDP, Session
 from labctl.doubles.plant import Plant
 
 #: What may wait for a client that does not read; further frames are not sent to it.
 BACKLOG_BYTES = 1 << 20
+#: Datagrams that may wait; the oldest go first, as on a network.
+BACKLOG_DATAGRAMS = 1000
+
+
+class Outlet:
+    """Bytes on their way out, each due at its time, in the order given."""
+
+    def __init__(self, faults: LineFaults) -> None:
+        self._faults = faults
+        self._late: deque[Delivery] = deque()
+        self.waiting_bytes = 0
+
+    def add(self, data: bytes) -> None:
+        """Queue bytes under the faults of the line."""
+        pieces = self._faults.send(data, count=0)
+        self._late.extend(pieces)
+        self.waiting_bytes += sum(len(piece.data) for piece in pieces)
+
+    def take_due(self, now_s: float) -> list[bytes]:
+        """What is due by now."""
+        due = []
+        while self._late and self._late[0].due_s <= now_s:
+            due.append(self._late.popleft().data)
+        self.waiting_bytes -= sum(map(len, due))
+        return due
 
 
 class ClientEnd:
-    """The server's end of one connection: its session, and what is on its way out in `outbox`."""
+    """The server's end of one connection: its session, and what is on its way out.
 
-    def __init__(self, hub: Hub, faults: LineFaults) -> None:
-        self._faults = faults
+    `outbox` goes over the connection, `datagrams` one by one to the client's address and port.
+    """
+
+    def __init__(self, hub: Hub, faults: LineFaults, channels: tuple[int, ...]) -> None:
         self._inbox = bytearray()
         self.outbox = bytearray()
-        self._late: deque[Delivery] = deque()
-        self._late_bytes = 0
-        self.session = Session(hub, self._queue)
+        self.datagrams: deque[bytes] = deque(maxlen=BACKLOG_DATAGRAMS)
+        self._stream, self._packets = Outlet(faults), Outlet(faults)
+        self.session = Session(
+            hub,
+            lambda packet: self._stream.add(packet.encoded()),
+            lambda kind: faults.panel.active(kind) is not None,
+            channels,
+        )
         self.session.greet()
 
     def receive(self, data: bytes) -> None:
@@ -39,27 +74,22 @@ class ClientEnd:
 
     def queue_frame(self, frame: bytes) -> None:
         """Queue a frame, or none of it where the client is too far behind."""
-        if len(self.outbox) + self._late_bytes + len(frame) <= BACKLOG_BYTES:
-            self._add(frame)
+        if self.session.streaming == UDP:
+            self._packets.add(frame)
+        elif len(self.outbox) + self._stream.waiting_bytes + len(frame) <= BACKLOG_BYTES:
+            self._stream.add(frame)
 
     def move_due(self, now_s: float) -> None:
-        """Put what is due by now into `outbox`."""
-        while self._late and self._late[0].due_s <= now_s:
-            data = self._late.popleft().data
-            self._late_bytes -= len(data)
-            self.outbox += data
-
-    def _queue(self, packet: Packet) -> None:
-        self._add(packet.encoded())
-
-    def _add(self, data: bytes) -> None:
-        for delivery in self._faults.send(data, count=0):
-            self._late.append(delivery)
-            self._late_bytes += len(delivery.data)
+        """Put what is due by now into `outbox` and `datagrams`."""
+        self.outbox += b"".join(self._stream.take_due(now_s))
+        self.datagrams.extend(filter(None, self._packets.take_due(now_s)))
 
 
 class PhaseSpaceDevice:
-    """The server behind its connections: cameras, what all clients share, and the clients."""
+    """The server behind its connections: cameras, what all clients share, and the clients.
+
+    `broadcasts` are the frames for whoever listens, one by one, for the transport to take away.
+    """
 
     def __init__(
         self,
@@ -74,18 +104,20 @@ class PhaseSpaceDevice:
         self._clock = clock
         self._origin_s = clock.now_s() - plant.state().time_s
         self._cameras = Cameras(settings, rng, plant.state().time_s)
+        self._frame_faults = FrameFaults(faults.panel, rng.spawn(1)[0])
         self._ids = np.array([point.id for point in settings.points], dtype=np.int64)
-        self._hub = Hub({int(number): 0 for number in self._ids})
+        self._hub = Hub(int(number) for number in self._ids)
         self._clients: list[ClientEnd] = []
+        self.broadcasts: deque[bytes] = deque(maxlen=BACKLOG_DATAGRAMS)
 
     @property
     def streaming(self) -> bool:
         """Whether a client has requested frames."""
-        return any(client.session.streaming for client in self._clients)
+        return any(client.session.wants_frames for client in self._clients)
 
-    def connect(self) -> ClientEnd:
-        """A new client, which is greeted."""
-        client = ClientEnd(self._hub, self.faults)
+    def connect(self, channels: tuple[int, ...] = (TCP,)) -> ClientEnd:
+        """A new client, which is greeted; its transport can carry frames over these channels."""
+        client = ClientEnd(self._hub, self.faults, channels)
         self._clients.append(client)
         return client
 
@@ -105,20 +137,32 @@ class PhaseSpaceDevice:
         if not len(batch):
             return
         self.faults.deliver(b"", count=len(batch))
-        readers = [client for client in self._clients if client.session.streaming]
+        counts = self._frame_faults.times(self._counts(batch))
+        readers = [client for client in self._clients if client.session.wants_frames]
         for data_name in (NAMES["markers"], None):
             wanting = [one for one in readers if one.session.wants_markers == (data_name is not None)]
-            for frame in self._encoded(batch, data_name) if wanting else ():
-                for client in wanting:
-                    client.queue_frame(frame)
+            for frame in self._encoded(batch, counts, data_name) if wanting else ():
+                self._hand_out(self._frame_faults.spoil(frame), wanting)
 
-    def _encoded(self, batch: MarkerBatch, data_name: int | None) -> list[bytes]:
-        if self.faults.panel.active("blind"):
-            batch = MarkerBatch(
-                batch.times_s, batch.numbers, batch.positions_mm, np.full_like(batch.cond, -1.0)
-            )
-        counts = batch.numbers
-        if self._hub.timebase is not None:
-            num, den = self._hub.timebase
-            counts = np.rint(batch.times_s * den / num).astype(np.int64)
-        return encode_frames(batch, self._ids, counts, NAMES["raw"], data_name)
+    def _hand_out(self, frame: bytes, wanting: list[ClientEnd]) -> None:
+        for client in wanting:
+            if client.session.streaming != BROADCAST:
+                client.queue_frame(frame)
+        if any(client.session.streaming == BROADCAST for client in wanting):
+            self.broadcasts.append(self.faults.deliver(frame, count=0).data)
+
+    def _counts(self, batch: MarkerBatch) -> NDArray[np.int64]:
+        if self._hub.timebase is None:
+            return batch.numbers
+        num, den = self._hub.timebase
+        return np.rint(batch.times_s * den / num).astype(np.int64)
+
+    def _encoded(self, batch: MarkerBatch, counts: NDArray[np.int64], data_name: int | None) -> list[bytes]:
+        is_dark = self._hub.led_power == 0 or self.faults.panel.active("blind")
+        seen = MarkerBatch(
+            batch.times_s,
+            batch.numbers,
+            batch.positions_mm * self._hub.scale,
+            np.full_like(batch.cond, -1.0) if is_dark else batch.cond,
+        )
+        return encode_frames(seen, self._ids, counts, NAMES["raw"], data_name)

@@ -17,7 +17,6 @@ MAX_PAYLOAD_BYTES = 4 << 20
 TEXT, INTS, FLOATS, ERROR, FRAME, MARKER = 1, 2, 3, 0x7F, 0x80, 0x84
 
 _HEADER = struct.Struct("<HBBIq")
-_CLOSING_BYTES = 4
 
 _HEADER_TYPE = [("id", "<u2"), ("type", "u1"), ("checksum", "u1"), ("size", "<u4"), ("time", "<i8")]
 _MARKER_TYPE = [
@@ -78,8 +77,8 @@ def take_packet(buffer: bytearray) -> Packet | None:
 
 
 def text(number: int, content: str, kind: int = TEXT) -> Packet:
-    """A text packet: no quoting, no terminator."""
-    return Packet(number, kind, content.encode("ascii"))
+    """A text packet: no quoting, no terminator; what is not ASCII becomes a question mark."""
+    return Packet(number, kind, content.encode("ascii", "replace"))
 
 
 def ints(number: int, *values: int) -> Packet:
@@ -108,14 +107,14 @@ def encode_frames(
     """Each frame of a batch as its packets: the markers' and the closing one.
 
     `counts` (k,) are the frames' times in units of the time base; without a `data_name` only the closing
-    packets are made. The closing packet carries four zero bytes: a client handles a bare header only when
-    more bytes come, one frame late.
+    packets are made. The closing packet is a bare header: behind one with a payload the vendor's C++ library
+    finds no markers.
     """
     frames, markers = batch.cond.shape
     layout: list[tuple[str, np.dtype[np.void]]] = []
     if data_name is not None:
         layout += [("head", np.dtype(_HEADER_TYPE)), ("markers", np.dtype((_MARKER_TYPE, (markers,))))]
-    layout += [("closing", np.dtype(_HEADER_TYPE)), ("zeros", np.dtype((np.void, _CLOSING_BYTES)))]
+    layout.append(("closing", np.dtype(_HEADER_TYPE)))
     rows = np.zeros(frames, np.dtype(layout))
     if data_name is not None:
         _fill_header(rows["head"], frame_name << 8 | data_name, MARKER, 32 * markers, counts)
@@ -123,7 +122,7 @@ def encode_frames(
         rows["markers"]["time"] = counts[:, None]
         rows["markers"]["position"] = batch.positions_mm
         rows["markers"]["cond"] = batch.cond
-    _fill_header(rows["closing"], frame_name, FRAME, _CLOSING_BYTES, counts)
+    _fill_header(rows["closing"], frame_name, FRAME, 0, counts)
     return [row.tobytes() for row in rows]
 
 

@@ -68,7 +68,9 @@ class PhaseSpace:
         self._started = False
 
     def identify(self, timeout_s: float | None = None) -> Identity:
-        """Greet and initialise the server, which is all that it reports of itself; may be called twice.
+        """Greet and initialise the server, which is all that it reports of itself; may be called at any time.
+
+        Its notes say what of the stream was passed over so far, and a scale that the server gives lengths in.
 
         Raises:
             NoAnswer: the server has not answered before the deadline; a later call continues from there.
@@ -79,7 +81,10 @@ class PhaseSpace:
         self._initialize(self._deadline(timeout_s))
         known = ("frequency", "maxfrequency", "timebase")
         notes = [f"{key} {self._session.properties[key]}" for key in known if key in self._session.properties]
-        return Identity(model="PhaseSpace server, protocol 2", notes=tuple(notes))
+        scale = self._session.number("scale")
+        if scale is not None and scale != 1:
+            notes.append(f"scale {scale:g}, by which the server multiplies lengths (markers.length_unit)")
+        return Identity(model="PhaseSpace server, protocol 2", notes=(*notes, *self._session.tally.notes()))
 
     def start(self, timeout_s: float | None = None) -> None:
         """Request the stream and wait until the server reports that it runs; may be called twice.
@@ -91,6 +96,7 @@ class PhaseSpace:
         self._initialize(deadline)
         if self._session.integer("streaming") != 1:
             self._session.frames.clear()
+            self._session.tally.restart()
             self._stream_over_tcp(1, deadline)
         self._started = True
 
@@ -98,12 +104,14 @@ class PhaseSpace:
         """The frames that are at hand, at least one, in the order sent, with the markers that were not seen.
 
         What came with a frame that contradicts itself is reported in its place: the frames before it by this call,
-        the error by the next.
+        the error by the next. Packets with a wrong checksum, frames of other names than `raw`, frames whose time
+        does not go on and errors of the server that are not fatal are passed over, and counted in the notes of
+        `identify`.
 
         Raises:
-            NoAnswer: no whole frame before the deadline, or the stream was not started.
+            NoAnswer: no whole and newer frame before the deadline, or the stream was not started.
             GarbledReply: a frame that contradicts itself (left out), or bytes that are no packets.
-            InstrumentRefused: the server reports an error, or has ended the stream.
+            InstrumentRefused: the server reports a fatal error, or has ended the stream.
             LinkDown: the server closed the connection.
         """
         deadline = self._deadline(timeout_s)
@@ -112,13 +120,11 @@ class PhaseSpace:
         session = self._session
         if session.drained:
             self._clock.sleep(min(READ_EVERY_S, deadline.remaining_s()))
-        while not session.frames:
-            if session.integer("streaming") == 0:
-                raise InstrumentRefused(
-                    f"{self.name}: the server has ended the stream; if another client is its master, "
-                    "start there"
-                )
-            session.gather(deadline)
+        session.tolerates_errors = True
+        try:
+            self._gather(deadline)
+        finally:
+            session.tolerates_errors = False
         runs, session.frames = session.frames, []
         return self._in_mm_and_s(runs, session.arrived_s)
 
@@ -142,6 +148,22 @@ class PhaseSpace:
                 self._session.send("done", wire.BYTE, b"", Deadline(self._stream.clock, FAREWELL_S))
         self._started = False
         self._stream.close()
+
+    def _gather(self, deadline: Deadline) -> None:
+        session, repeated = self._session, self._session.tally.repeated
+        while not session.frames:
+            if session.integer("streaming") == 0:
+                raise InstrumentRefused(
+                    f"{self.name}: the server has ended the stream; if another client is its master, "
+                    "start there"
+                )
+            session.gather(deadline)
+            # Bytes that come without pause keep no read waiting.
+            if not session.frames and deadline.remaining_s() <= 0:
+                raise NoAnswer(
+                    f"{self.name}: no new frame came within {deadline.seconds:g} s, though the server sends"
+                    f"; {session.tally.repeated - repeated} frames repeated a time"
+                )
 
     def _initialize(self, deadline: Deadline) -> None:
         session = self._session

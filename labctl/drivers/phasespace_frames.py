@@ -45,6 +45,17 @@ class RawFrames:
     def __len__(self) -> int:
         return len(self.time)
 
+    def only(self, wanted: NDArray[np.bool_]) -> "RawFrames":
+        """The frames that are wanted (k,)."""
+        samples = np.repeat(wanted, self.counts)
+        return RawFrames(
+            self.time[wanted],
+            self.counts[wanted],
+            self.ids[samples],
+            self.positions[samples],
+            self.cond[samples],
+        )
+
 
 @dataclass(frozen=True)
 class FrameLayout:
@@ -60,29 +71,32 @@ class FrameLayout:
     records: int
 
 
-def frame_layout(data: bytes, start: int) -> FrameLayout | None:
-    """How the frame at `start` is laid out; None where no whole frame of one marker packet at most stands there."""
+def frame_layout(data: bytes, start: int, frame_name: int | None) -> FrameLayout | None:
+    """How the frame at `start` is laid out; None where no whole frame of one marker packet at most stands there.
+
+    `frame_name` is the number of the name that frames go by, None where any will do.
+    """
     packets: list[int] = []
-    markers, records, frame_id = None, 0, None
+    markers, records = None, 0
     at = start
     while at + wire.HEADER_BYTES <= len(data):
-        try:
-            header = wire.parse_header(data[at : at + wire.HEADER_BYTES])
-        except GarbledReply:
-            return None
+        header = wire.parse_header(data[at : at + wire.HEADER_BYTES])
         packets.append(at - start)
         end = at + wire.HEADER_BYTES + header.size
-        if end > len(data):
+        if not header.is_right or end > len(data):
             return None
         if header.type == wire.FRAME:
-            is_one = frame_id in (None, header.id)
+            is_one = frame_name in (None, header.id)
             return FrameLayout(end - start, tuple(packets), markers, records) if is_one else None
         if header.id < wire.FIRST_FRAME_ID:
+            return None
+        frame_name = header.id >> 8 if frame_name is None else frame_name
+        if header.id >> 8 != frame_name:
             return None
         if header.type == wire.MARKER:
             if markers is not None or header.size % _RECORD.itemsize:
                 return None
-            markers, records, frame_id = at - start, header.size // _RECORD.itemsize, header.id >> 8
+            markers, records = at - start, header.size // _RECORD.itemsize
         at = end
     return None
 

@@ -75,3 +75,58 @@ def test_the_doctor_names_an_instrument_that_does_not_answer(lab_with, instrumen
     assert done.code == 2
     faults = [found for found in json.loads(done.out)["findings"] if found["verdict"] == "fault"]
     assert [found["subject"] for found in faults] == [instrument]
+
+
+@pytest.mark.parametrize(
+    ("fault", "note"),
+    [
+        ("bad-checksum:5", "packets had a wrong checksum and were skipped"),
+        ("split:0.01", None),
+        ("interleaved", None),
+        ("filter-frames", "frames of 'name 64' were left out"),
+        ("payload-in-close", None),
+        ("initialized-on-initialize-only", None),
+        ("initialized-on-id-0-only", None),
+        ("odd-greeting", None),
+        (
+            "error-events",
+            "errors were reported by the server while it sent frames, last 'camera 3 does not answer'",
+        ),
+        ("repeated-times", "frames were left out because they repeat the time of the one before"),
+        ("times-back", "frames were left out because their time goes back"),
+        ("partial-record", None),
+    ],
+)
+def test_the_doctor_reads_a_marker_stream_as_servers_send_it_and_names_what_was_passed_over(
+    lab_with, fault, note
+):
+    lab = lab_with(f"markers={fault}")
+
+    done = lab("doctor", "--rig", lab.rig, "--json")
+
+    assert done.code == 0, done.out
+    found = {
+        (one["verdict"], one["text"])
+        for one in json.loads(done.out)["findings"]
+        if one["subject"] == "marker stream"
+    }
+    (seen,) = (text for verdict, text in found if verdict == "ok" and " frames in 1 s" in text)
+    assert seen.endswith("16 of 16 markers seen")
+    assert int(seen.split()[0]) > 200
+    passed_over = [text for verdict, text in found if verdict == "missing"]
+    assert any(note in text for text in passed_over) if note else not passed_over
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        ("bad-checksum:100", "packets had a wrong checksum"),
+        ("impossible-size", "announces 4194305 bytes; 4194304 is the most"),
+    ],
+)
+def test_the_doctor_names_why_a_marker_stream_was_given_up(lab_with, fault, cause):
+    done = (lab := lab_with(f"markers={fault}"))("doctor", "--rig", lab.rig)
+
+    assert done.code == 2
+    assert cause in done.out
+    assert "open the rig again" in done.out

@@ -2,6 +2,8 @@
 
 import struct
 import time
+from contextlib import suppress
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -71,6 +73,7 @@ def test_the_pages_packets():
     assert wire.packet(0, 1, b"opened=1") == opened
     assert wire.packet(0x2021, 0x84, bytes(512))[:8].hex(" ") == "21 20 84 39 00 02 00 00"
     assert wire.parse_header(opened[:16]) == wire.Header(0, 1, 8, 0)
+    assert not wire.parse_header(b"\1" + opened[1:16]).is_right
     # The other seven bytes sum to 0 here: the checksum is 0 and not 256.
     assert wire.packet(13, 1, bytes(242))[3] == 0
 
@@ -175,15 +178,16 @@ def test_frames_of_several_kinds_of_data_and_of_many_layouts(started):
             for n in range(6)
         ),
         text(0, "novelty=1"),
-        *(frame(n, *(marker(m, 0, 0, 0, 1) for m in range(n))) for n in range(3)),
+        *(frame(10 + n, *(marker(m, 0, 0, 0, 1) for m in range(n))) for n in range(3)),
         frame(40, unused, marker(6, 0, 0, 0, 1), unused),
-        # Two kinds of frames that interleave are none that can be read as one array.
+        # Frames of another name that interleave are not these.
         sent(44 << 8 | MARKERS, 0x84, marker(5, 0, 0, 0, 1), 45)
         + sent(RAW, 0x80, b"", 45)
         + sent(44, 0x80, b"", 45),
         sent(44 << 8 | MARKERS, 0x84, marker(7, 0, 0, 0, 1), 50),
         frame(51, marker(8, 0, 0, 0, 1)),
         sent(44, 0x80, b"", 50),
+        frame(52),
     ]
     link.feed(*frames_sent)
     found, counts = [], []
@@ -191,8 +195,8 @@ def test_frames_of_several_kinds_of_data_and_of_many_layouts(started):
         batch = device.next_frames()
         found += batch.ids.tolist()
         counts += np.diff(batch.starts).tolist()
-    assert found == [0, 99, 1, 2, 99, 3, 4, 99, 5, 0, 0, 1, 6, 5, 8, 7]
-    assert counts == [2, 1, 2, 1, 2, 1, 0, 1, 2, 1, 0, 1, 1, 1]
+    assert found == [0, 99, 1, 2, 99, 3, 4, 99, 5, 0, 0, 1, 6, 8]
+    assert counts == [2, 1, 2, 1, 2, 1, 0, 1, 2, 1, 0, 1, 0]
 
 
 def test_a_frame_without_markers_is_empty_not_missing(started):
@@ -319,25 +323,158 @@ def test_a_frame_that_contradicts_itself_is_left_out_and_the_next_is_read(starte
 
 
 @pytest.mark.parametrize(
-    "header",
-    [
-        bytes.fromhex("20 00 80 5D 04 00 00 00") + bytes(8),
-        sent(RAW, 0x84)[:3]
-        + bytes([(256 - (0x20 + 0x84 + 0x01 + 0x40)) % 256])
-        + struct.pack("<Iq", 0x400001, 0),
-    ],
-    ids=["checksum", "above 4 MiB"],
+    ("announced", "has_right_checksum"), [(0x400001, True), (0x10001, False)], ids=["above 4 MiB", "checksum"]
 )
-def test_where_the_next_packet_cannot_be_found_the_stream_is_given_up(started, header):
+def test_where_the_next_packet_cannot_be_found_the_stream_is_given_up(started, announced, has_right_checksum):
     device, link = started
-    link.feed(header)
-    with pytest.raises(GarbledReply, match="given up"):
+    head = struct.pack("<HB", RAW, 0x84)
+    size = struct.pack("<I", announced)
+    checksum = (-sum(head + size) + (not has_right_checksum)) % 256
+    link.feed(head + bytes([checksum]) + size + bytes(8))
+    with pytest.raises(GarbledReply, match=f"announces {announced} bytes.*given up"):
         device.next_frames()
     assert link.closed == 1
     for call in (device.next_frames, device.stop):
         with pytest.raises(LinkDown, match="open the rig again"):
             call()
     device.close()
+
+
+def spoilt(packet):
+    """The packet with a wrong checksum."""
+    return packet[:3] + bytes([packet[3] ^ 0x10]) + packet[4:]
+
+
+def fetched(device, link):
+    """The ids of all frames until nothing is left, frame by frame."""
+    found = []
+    with suppress(NoAnswer):
+        while True:
+            batch = device.next_frames()
+            found += [batch.ids[a:b].tolist() for a, b in pairwise(batch.starts)]
+    assert not link.unread
+    return found
+
+
+def test_a_packet_with_a_wrong_checksum_is_skipped_and_counted(started):
+    device, link = started
+    markers = sent(RAW << 8 | MARKERS, 0x84, marker(3, 0, 0, 0, 1), 3)
+    close = sent(RAW, 0x80, b"", 3)
+    link.feed(
+        frame(1, marker(1, 0, 0, 0, 1)),
+        # Whose markers were skipped is no frame without markers.
+        spoilt(markers) + close,
+        frame(4, marker(4, 0, 0, 0, 1)),
+        sent(RAW << 8 | MARKERS, 0x84, marker(5, 0, 0, 0, 1), 5) + spoilt(sent(RAW, 0x80, b"", 5)),
+        frame(6, marker(6, 0, 0, 0, 1)),
+        spoilt(text(22, "an event")) + frame(7, marker(7, 0, 0, 0, 1)),
+        # The end of one and the markers of the next.
+        sent(RAW << 8 | MARKERS, 0x84, marker(8, 0, 0, 0, 1), 8)
+        + spoilt(sent(RAW, 0x80, b"", 8))
+        + spoilt(sent(RAW << 8 | MARKERS, 0x84, marker(9, 0, 0, 0, 1), 9))
+        + sent(RAW, 0x80, b"", 9),
+        frame(10, marker(10, 0, 0, 0, 1)),
+    )
+    assert fetched(device, link) == [[1], [4], [6], [7], [10]]
+    assert device.identify().notes[3:] == (
+        "5 of 24 packets had a wrong checksum and were skipped",
+        "2 frames were left out because a packet before their end was skipped",
+    )
+
+
+def test_a_wrong_checksum_in_the_greeting_is_skipped(stream):
+    device = source(stream(spoilt(text(0, "novelty=1")) + SESSION))
+    assert "1 of 5 packets had a wrong checksum and were skipped" in device.identify().notes
+
+
+@pytest.mark.parametrize("right", [0, 1], ids=["nothing but wrong ones", "every third wrong"])
+def test_a_flood_of_wrong_checksums_is_an_error(started, right):
+    device, link = started
+    link.feed(*(spoilt(frame(n)) + right * text(22, "event") for n in range(100)))
+    with pytest.raises(GarbledReply, match=r"\d+ of \d+ packets had a wrong checksum, .* given up"):
+        while True:
+            device.next_frames()
+    assert link.closed
+    link.unread.clear()
+
+
+def test_one_wrong_checksum_in_five_is_no_flood(started):
+    device, link = started
+    link.feed(
+        *(spoilt(text(22, "an event")) + frame(2 * n) + frame(2 * n + 1) for n in range(500)),
+    )
+    assert fetched(device, link) == [[]] * 1000
+
+
+def test_frames_of_a_filter_are_left_out(stream):
+    names = text(0, "table=names 64=slow,2")
+    link = stream(SESSION, STREAMING, names)
+    device = source(link)
+    device.start()
+    filtered = sent(64 << 8 | MARKERS, 0x84, marker(9, 0, 0, 0, 1), 5)
+    link.feed(
+        filtered + frame(5, marker(1, 0, 0, 0, 1)) + sent(64, 0x80, b"", 5),
+        filtered + sent(64, 0x80, b"", 5),
+        sent(RAW << 8 | MARKERS, 0x84, marker(2, 0, 0, 0, 1), 6)
+        + filtered
+        + sent(64, 0x80, b"", 6)
+        + sent(RAW, 0x80, b"", 6),
+        frame(7, marker(3, 0, 0, 0, 1)) + filtered + sent(65, 0x80, b"", 7),
+    )
+    assert fetched(device, link) == [[1], [2], [3]]
+    notes = device.identify().notes
+    assert "3 frames of 'slow' were left out" in notes
+    assert "1 frames of 'name 65' were left out" in notes
+
+
+def test_frames_whose_time_does_not_go_on_are_left_out(started):
+    device, link = started
+    link.feed(*(frame(n, marker(k, 0, 0, 0, 1)) for k, n in enumerate((5, 5, 6, 4, 7, 7, 7, 8))))
+    assert fetched(device, link) == [[0], [2], [4], [7]]
+    assert device.identify().notes[3:] == (
+        "3 frames were left out because they repeat the time of the one before",
+        "1 frames were left out because their time goes back",
+    )
+    # A clock that was set back goes on from there.
+    link.feed(*(frame(n) for n in (1, 2, 3)))
+    assert len(device.next_frames()) == 2
+
+
+def test_a_stream_whose_time_stands_still_is_silent(stream):
+    link = stream(SESSION, STREAMING)
+    device = source(link, timeout_s=0.05)
+    device.start()
+    stuck = frame(9, marker(1, 0, 0, 0, 1))
+    link.feed(stuck)
+    device.next_frames()
+    link.peek = lambda n, most, deadline: (time.sleep(0.01), stuck)[1]
+    link.skip = lambda n: None
+    with pytest.raises(NoAnswer, match=r"no new frame came within 0.05 s, .* \d+ frames repeated a time"):
+        device.next_frames()
+
+
+def test_an_error_of_the_server_does_not_end_the_frames_unless_it_is_fatal(started):
+    device, link = started
+    link.feed(frame(1), sent(2, 0x7F, b"camera 3 does not answer"), frame(2))
+    assert fetched(device, link) == [[], []]
+    assert device.identify().notes[3:] == (
+        "1 errors were reported by the server while it sent frames, last 'camera 3 does not answer'",
+    )
+    link.feed(sent(3, 0x7F, b"no cameras"))
+    with pytest.raises(InstrumentRefused, match="reports fatal: 'no cameras'"):
+        device.next_frames()
+
+
+def test_a_scale_is_named(stream):
+    notes = source(stream(GREETING, text(4, INITIALIZED + " scale=0.001"))).identify().notes
+    assert notes[-1] == "scale 0.001, by which the server multiplies lengths (markers.length_unit)"
+
+
+def test_names_beyond_255_are_none(stream):
+    names = text(0, "table=names 70000=streaming 999999999999=done")
+    link = stream(SESSION, names, STREAMING)
+    source(link).start()
+    assert link.heard.endswith(wire.packet(6, 2, b"\1\0\0\0"))
 
 
 def test_a_server_that_closes_is_down_not_silent(started):
