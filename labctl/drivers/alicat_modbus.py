@@ -110,7 +110,10 @@ class AlicatModbus:
             Unproven: the readings leave more than one order possible.
             NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `read`.
         """
-        self._prove_order(self._deadline(timeout_s))
+        deadline = self._deadline(timeout_s)
+        self._prove_order(deadline)
+        # What was proven before says nothing of now.
+        self._read(deadline)
         return Identity(
             model="Alicat pressure controller",
             notes=(

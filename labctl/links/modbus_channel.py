@@ -95,11 +95,11 @@ class RtuChannel:
         return self._port.has_input()
 
     def begin(self, deadline: Deadline) -> bool:
-        """Before the first request, wait for the line to be quiet; False where it was not."""
+        """Before the first read, wait for the line to be quiet; False where more than strays came."""
         if not self._is_new:
             return True
         self._is_new = False
-        return discard_until_quiet(self._port, self._clock, self._quiet_s, deadline) == 0
+        return not discard_until_quiet(self._port, self._clock, self._quiet_s, deadline).strip(self.strays)
 
     def next_transaction(self) -> int:
         """RTU has no transaction numbers."""
@@ -108,6 +108,7 @@ class RtuChannel:
     def discard_late_replies(self, deadline: Deadline) -> bool:
         """Discard input until the line is quiet; a reply may be later still."""
         discard_until_quiet(self._port, self._clock, self._quiet_s, deadline)
+        self._is_new = False
         return False
 
     def close(self) -> None:

@@ -52,8 +52,8 @@ class ModbusLink:
 
     What carries no doubt is left out and kept in `noticed`: stray bytes between frames, and the request itself where
     an adapter echoes it. A single coil is confirmed by a copy of its request: whether the line echoes is therefore
-    learned from every exchange whose reply is another frame, and while that is not known such a copy leaves the link
-    suspect.
+    learned from every exchange whose reply is another frame, and while that is not known the next request waits for a
+    quiet line after such a copy.
     """
 
     def __init__(self, channel: ModbusChannel, clock: Scheduler) -> None:
@@ -62,6 +62,8 @@ class ModbusLink:
         self._channel = channel
         self._lock = clock.lock()
         self._suspect = False
+        # The last reply was a copy of its request: where it was its echo, the reply may follow.
+        self._may_be_echo = False
         self._replies = ReplyReader(channel)
         self._resync = ModbusResync(channel, clock, self._replies)
 
@@ -159,7 +161,8 @@ class ModbusLink:
             if not self._replies.answers(request, reply, reply_bytes):
                 raise self._foreign(f"{reply.frame.hex(' ')} does not answer {shown(request)}")
             self._replies.learn_echo(reply.echoed, reply.frame == sent)
-            self._suspect = not in_step or (reply.frame == sent and self._replies.echoes is None)
+            self._may_be_echo = reply.frame == sent and self._replies.echoes is None
+            self._suspect = not in_step
             if not self._suspect:
                 self._resync.in_step()
         finally:
@@ -186,26 +189,23 @@ class ModbusLink:
         write only waits for the line to calm down, and the read that follows makes sure.
         """
         writes = request.function_code in _WRITES
-        try:
-            self._suspect = self._suspect or self._disturbed(
-                request, deadline.share(0.5) if writes else deadline
-            )
-        except (NoAnswer, GarbledReply):
-            self._suspect = True
-            if not writes:
-                raise
-        if not self._suspect:
+        self._suspect = self._suspect or self._disturbed(request, deadline)
+        if not (self._suspect or self._may_be_echo):
             return True
         if writes:
             with suppress(NoAnswer, GarbledReply):
-                return self._channel.discard_late_replies(deadline.share(0.5))
+                return self._channel.discard_late_replies(deadline.share(0.5)) or not self._suspect
             return False
+        if not self._suspect:
+            self._channel.discard_late_replies(deadline)
+            return True
         self._resync.run(deadline)
         return True
 
     def _disturbed(self, request: ModbusPDU, deadline: Deadline) -> bool:
         """Whether anything has come that nobody requested, strays apart."""
-        if not self._channel.begin(deadline):
+        # A write does not wait: no earlier owner's late answer is taken for its own.
+        if request.function_code not in _WRITES and not self._channel.begin(deadline):
             return True
         for _ in range(self._channel.framer.MAX_SIZE):
             if not self._channel.has_input():

@@ -14,7 +14,9 @@ from labctl.links.modbus_replies import ReplyReader
 
 # An answer that has not come after so long a silence is taken for lost.
 HOLD_S = 2.0
-_FALL_BACK_SHARE = 0.4
+# After so long without the probe's answer the fallback is tried; the answer itself takes 0.02 s at 9600 baud.
+PATIENCE_S = 0.1
+_FALL_BACK_S = 2 * PATIENCE_S
 
 
 @dataclass(frozen=True)
@@ -89,19 +91,24 @@ class ModbusResync:
         if not self._channel.is_serial or self._probe is None:
             self._channel.discard_late_replies(deadline)
             return
-        if self._falls_back and self._fallback is not None:
-            self._read(self._fallback, deadline)
-            return
-        if self._fallback is None or self._late_seen:
+        if self._fallback is None or (self._late_seen and not self._falls_back):
             self._read(self._probe, deadline)
             return
-        try:
-            self._read(self._probe, deadline.share(_FALL_BACK_SHARE))
-        except NoAnswer:
-            if self._late_seen:
-                raise
-            self._falls_back = True
-            self._read(self._fallback, deadline)
+        if not (self._falls_back or self._gave_up(self._probe)):
+            try:
+                self._read(self._probe, Deadline(self._clock, min(_FALL_BACK_S, deadline.remaining_s())))
+            except NoAnswer:
+                if self._late_seen or not self._gave_up(self._probe):
+                    raise
+            else:
+                return
+        self._falls_back = True
+        self._read(self._fallback, deadline)
+
+    def _gave_up(self, probe: Probe) -> bool:
+        """The probe was sent, and waited for long enough."""
+        since_s = self._awaited_since_s.get(probe.shape)
+        return since_s is not None and self._clock.now_s() - since_s >= PATIENCE_S
 
     def _read(self, probe: Probe, deadline: Deadline) -> None:
         request = probe.request()
