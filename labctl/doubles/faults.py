@@ -226,6 +226,11 @@ class FaultPanel:
         """Replace all faults by `faults`."""
         self._faults = faults
 
+    @property
+    def empty(self) -> bool:
+        """No fault is there, begun or not."""
+        return not self._faults
+
     def active(self, kind: str) -> Fault | None:
         """The fault of that kind if it is there and has begun."""
         for fault in self._faults:
