@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-gauge bench-rig interop clean
+.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-gauge bench-rig interop wire-table clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -49,6 +49,9 @@ bench-rig: $(INSTALLED)  ## ingest, recording and the supervisor under 72 marker
 
 interop: $(INSTALLED)  ## clients written elsewhere on the doubles, each in an environment of its own: about 3 minutes
 	$(BIN)/python bench/interop/run.py
+
+wire-table: $(INSTALLED)  ## docs/reference/wire-faults.md anew: every driver, wire fault and verb, about 10 s
+	PYTHONPATH=tests $(BIN)/python bench/wire_table.py
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

@@ -201,6 +201,8 @@ def _status(state: PlantState) -> list[str]:
 class AsciiLine:
     """The device's end of a serial line: commands end in CR, replies too."""
 
+    is_text = True
+
     def __init__(self, device: AlicatAscii) -> None:
         self._device = device
         self._buffer = bytearray()

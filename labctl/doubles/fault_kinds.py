@@ -24,15 +24,33 @@ _ANY_REPLY = {
     "garbage": FaultKind("random bytes in place of each reply or frame"),
     "truncated": FaultKind("half of each reply or frame"),
     "late": FaultKind("each reply or frame VALUE seconds later", "seconds"),
+    "late-once": FaultKind("the next reply or packet VALUE seconds later", "seconds"),
+    "split": FaultKind("replies or packets arrive in two halves, VALUE seconds apart", "seconds"),
     "dies-after": FaultKind(
         "the port closes after VALUE requests; a marker server's after VALUE frames", "count"
     ),
 }
 
-_ADDRESSED = {
+# What wires, adapters and boxes do to a line.
+_ANY_LINE = {
+    **_ANY_REPLY,
     "wrong-address": FaultKind("replies carry another device's address, all else intact"),
-    "frozen-answer": FaultKind("whatever is asked, the answer is the last one; orders are obeyed"),
+    "trickle": FaultKind("replies arrive byte by byte, VALUE seconds apart", "seconds"),
+    "previous": FaultKind("each reply is kept until the next request has come"),
+    "reboot": FaultKind("the next request is lost, a second later a banner comes, and all is as at power-up"),
+    "echo": FaultKind("the adapter sends back what it is given"),
+    "stray-before": FaultKind("0x00 0xFF right before each reply"),
+    "stray-between": FaultKind("0x00 0xFF on their own, between replies"),
+    "stray-after": FaultKind("0x00 0xFF right after each reply"),
+    "nul": FaultKind("NUL after each reply, of text after each line"),
+    "crlf": FaultKind("LF after each line of text, CR LF after each frame"),
+    "blank-lines": FaultKind("CR before and after each reply"),
+    "escapes": FaultKind(
+        "an escape sequence that clears a terminal, in each line of text or after each frame"
+    ),
 }
+
+_OBEYS = {"frozen-answer": FaultKind("whatever is asked, the answer is the last one; orders are obeyed")}
 
 # A pressure sensor's own.
 _SENSOR = {
@@ -74,7 +92,6 @@ _VALVES = {
 _MARKERS = {
     "blind": FaultKind("every marker is occluded"),
     "bad-checksum": FaultKind("of a packet in VALUE per cent of the frames", "percent"),
-    "split": FaultKind("packets arrive in two pieces, 10 ms apart"),
     "interleaved": FaultKind("events and other data stand within a frame"),
     "filter-frames": FaultKind("a filter's frames come beside the raw ones"),
     "payload-in-close": FaultKind("the closing packet has a payload"),
@@ -91,9 +108,9 @@ _MARKERS = {
 #: Per instrument its kinds of fault.
 KINDS: Mapping[Instrument, Mapping[str, FaultKind]] = MappingProxyType(
     {
-        "regulator": MappingProxyType({**_ANY_REPLY, **_ADDRESSED, **_SENSOR, **_REGULATOR}),
-        "gauge": MappingProxyType({**_ANY_REPLY, "wrong-address": _ADDRESSED["wrong-address"], **_SENSOR}),
-        "valves": MappingProxyType({**_ANY_REPLY, **_ADDRESSED, **_VALVES}),
+        "regulator": MappingProxyType({**_ANY_LINE, **_OBEYS, **_SENSOR, **_REGULATOR}),
+        "gauge": MappingProxyType({**_ANY_LINE, **_SENSOR}),
+        "valves": MappingProxyType({**_ANY_LINE, **_OBEYS, **_VALVES}),
         "markers": MappingProxyType({**_ANY_REPLY, **_MARKERS}),
     }
 )

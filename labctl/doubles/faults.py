@@ -1,11 +1,8 @@
 """Faults of doubles: how their texts are parsed, which have begun, and what those of an instrument's bytes do."""
 
 import math
-import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-
-import numpy as np
 
 from labctl.clock import Clock
 from labctl.doubles.fault_kinds import KINDS, Argument, Instrument
@@ -138,6 +135,11 @@ class FaultPanel:
         """Replace all faults by `faults`."""
         self._faults = faults
 
+    @property
+    def empty(self) -> bool:
+        """No fault is there, begun or not."""
+        return not self._faults
+
     def active(self, kind: str) -> Fault | None:
         """The fault of that kind if it is there and has begun."""
         for fault in self._faults:
@@ -147,55 +149,3 @@ class FaultPanel:
 
     def _begun(self, fault: Fault) -> bool:
         return self._clock.now_s() - self._origin_s >= fault.from_s and self._highest_psi() >= fault.from_psi
-
-
-@dataclass(frozen=True)
-class Delivery:
-    """Bytes to be sent when the clock reads `due_s`."""
-
-    due_s: float
-    data: bytes
-
-
-class LineFaults:
-    """The faults of an instrument's bytes: what becomes of each reply on its way out."""
-
-    def __init__(self, panel: FaultPanel, clock: Clock, rng: np.random.Generator) -> None:
-        self.panel = panel
-        self._clock = clock
-        self._rng = rng
-        self._lock = threading.Lock()
-        self._answered = 0
-        self._answer: bytes | None = None
-        self.dead = False
-
-    def deliver(self, reply: bytes, readdressed: bytes | None = None, count: int = 1) -> Delivery:
-        """What is sent in place of `reply`, and when; `data` is empty where nothing is.
-
-        `readdressed` is the same reply with another device's address; `count` is the number of requests
-        (or frames) that the reply stands for. Sets `dead` when the instrument has died.
-        """
-        with self._lock:
-            due_s = self._clock.now_s()
-            self._count(count)
-            if self.dead or self.panel.active("silent"):
-                return Delivery(due_s, b"")
-            if self._answer is not None and self.panel.active("frozen-answer"):
-                reply = self._answer
-            self._answer = reply
-            if readdressed is not None and self.panel.active("wrong-address"):
-                reply = readdressed
-            if self.panel.active("truncated"):
-                reply = reply[: len(reply) // 2]
-            if self.panel.active("garbage"):
-                reply = self._rng.bytes(len(reply))
-            late = self.panel.active("late")
-            return Delivery(due_s + late.value if late else due_s, reply)
-
-    def _count(self, count: int) -> None:
-        mortal = self.panel.active("dies-after")
-        if mortal is None:
-            self._answered = 0
-            return
-        self._answered += count
-        self.dead = self.dead or self._answered > mortal.value

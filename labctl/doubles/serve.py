@@ -7,7 +7,8 @@ from typing import Self
 
 from labctl.clock import Clock, WallClock, rig_clock
 from labctl.doubles.device_end import Line
-from labctl.doubles.faults import Faults, LineFaults
+from labctl.doubles.faults import Faults
+from labctl.doubles.line_faults import LineFaults
 from labctl.doubles.phasespace_server import PhaseSpaceServer
 from labctl.doubles.plant import Plant
 from labctl.doubles.rig_file import rig_toml

@@ -113,13 +113,17 @@ class AlicatModbus:
             Unproven: the readings leave more than one order possible.
             NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `read`.
         """
-        self._prove_order(self._deadline(timeout_s))
+        deadline = self._deadline(timeout_s)
+        self._prove_order(deadline)
+        # What was proven before says nothing of now.
+        self._read(deadline)
         return Identity(
             model="Alicat pressure controller",
             notes=(
                 f"over Modbus the device reports neither model nor unit; {self._unit} as configured, "
                 f"{'not proven' if self._unit_proof is None else f'proven: {self._unit_proof}'}",
                 f"words {self._order}, as readings have shown",
+                *self._link.noticed,
             ),
         )
 

@@ -83,7 +83,7 @@ def test_the_doctor_names_an_instrument_that_does_not_answer(lab_with, instrumen
     ("fault", "note"),
     [
         ("bad-checksum:5", "packets had a wrong checksum and were skipped"),
-        ("split", None),
+        ("split:0.01", None),
         ("interleaved", None),
         ("filter-frames", "frames of 'name 64' were left out"),
         ("payload-in-close", None),

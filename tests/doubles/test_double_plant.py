@@ -233,3 +233,15 @@ def test_thread_keeps_the_plant_going_while_nobody_asks(design, shapes, panel, t
     plant.close()
     assert np.diff([state.time_s for state in seen]) == pytest.approx(0.05)
     assert len(seen) >= 21
+
+
+def test_a_power_cut_leaves_a_regulator_in_control_at_zero_and_every_relay_off(plant_of, clock):
+    plant = plant_of()
+    plant.write_setpoint(2.0)
+    plant.switch_mode(Mode.EXHAUST)
+    plant.write_coils({4: True})
+    plant.reset_regulator()
+    plant.reset_relays()
+    clock.sleep(0.1)
+    state = plant.state()
+    assert (state.setpoint_psi, state.mode, state.coils) == (0.0, Mode.CONTROL, frozenset())

@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from labctl.drivers.alicat_layout import parse_layout
 from labctl.drivers.alicat_lines import (
     is_version_line,
     parse_frame,
-    parse_layout,
     request_line,
     setpoint_command,
 )

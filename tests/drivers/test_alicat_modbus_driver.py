@@ -214,9 +214,9 @@ def test_no_setpoint_leaves_where_the_order_is_another(registers, at_rest, order
 
 def test_the_order_is_read_for_until_one_is_left(registers):
     """Zeros tell nothing; 0.5 is 2e-41 with its words exchanged; EXH is a bit of no other order."""
-    device = regulator(registers((READ, reading(AT_0, AT_0, AT_0)), PROVES))
+    device = regulator(registers((READ, reading(AT_0, AT_0, AT_0)), PROVES, PROVES))
     assert "words high-first" in device.identify().notes[1]
-    exhausting = regulator(registers((READ, reading("00 00 04 00", AT_0, AT_0)), PROVES))
+    exhausting = regulator(registers((READ, reading("00 00 04 00", AT_0, AT_0)), PROVES, PROVES))
     assert exhausting.read().exhausting
     assert "words high-first" in exhausting.identify().notes[1]
 
@@ -239,7 +239,7 @@ def test_no_byte_leaves_while_the_unit_is_not_proven_but_for_setpoint_0(register
 
 @pytest.mark.parametrize(("proof", "said"), [(None, "not proven"), ("by hand", "proven: by hand")])
 def test_identify_notes_what_the_registers_do_not_hold(registers, proof, said):
-    identity = regulator(registers(PROVES), unit_proof=proof).identify()
+    identity = regulator(registers(PROVES, PROVES), unit_proof=proof).identify()
     assert identity.serial_number is None
     assert "neither model nor unit" in identity.notes[0]
     assert identity.notes[0].endswith(said)
