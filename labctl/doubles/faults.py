@@ -13,15 +13,27 @@ from labctl.clock import Clock
 from labctl.errors import BadInput
 
 Instrument = Literal["regulator", "valves", "markers"]
-Argument = Literal["", "seconds", "psi", "count", "channel"]
+Argument = Literal["", "seconds", "psi", "psi_per_s", "count", "channel"]
 
 _ANY_REPLY: dict[str, Argument] = {
     "silent": "",
     "garbage": "",
     "truncated": "",
     "late": "seconds",
+    "late-once": "seconds",
     "dies-after": "count",
 }
+
+_ASCII: dict[str, Argument] = {
+    "own-ramp": "psi_per_s",
+    "silent-version": "",
+    "no-blank": "",
+    "second-sensor": "",
+    "streaming": "",
+    "half-line": "",
+}
+#: Faults that only a regulator on ASCII can have.
+ASCII_ONLY = frozenset(_ASCII)
 
 #: Per instrument the kinds of fault and the argument that each takes ("" for none).
 ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
@@ -36,6 +48,7 @@ ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
                 "overpressure": "",
                 "frozen-sensor": "",
                 "low-sensor": "",
+                **_ASCII,
             }
         ),
         "valves": MappingProxyType(
@@ -51,12 +64,15 @@ class Fault:
     """One fault of one instrument.
 
     Kinds of every instrument: `silent`; `garbage` (random bytes in place of each reply or frame);
-    `truncated` (half of it); `late` (`value` seconds later); `dies-after` (the port closes after `value`
-    requests, of a marker server after so many frames). Of the regulator and the valves: `wrong-address`
-    (the reply carries another device's address, all else intact).
+    `truncated` (half of it); `late` (`value` seconds later); `late-once` (the first reply alone); `dies-after` (the
+    port closes after `value` requests, of a marker server after so many frames). Of the regulator and the valves:
+    `wrong-address` (the reply carries another device's address, all else intact).
     Regulator: `stuck-setpoint` (accepted, never taken over); `ignored-setpoint` (the setpoint source is
     analog); `stuck-exhaust` (EXH is reported, the valve stays shut); `overpressure` (the inlet sticks open);
     `frozen-sensor`, `low-sensor` (the reading stays, or is -2 psi; the controller opens its inlet for it).
+    Regulator on ASCII (`ASCII_ONLY`): `own-ramp` (it ramps its own setpoint, `value` psi/s); `silent-version` (no
+    answer to `VE`); `no-blank` (none between its id and the first number); `second-sensor` (it reports P2O);
+    `streaming`, `half-line` (it is found streaming, or with half a line that another program did not end).
     Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only).
     Markers: `blind` (every marker occluded).
 
@@ -138,9 +154,9 @@ def _number(text: str, what: Argument, value_text: str) -> float:
     except ValueError:
         value = math.nan
     lowest = 1.0 if what == "channel" else 0.0
-    whole = what in ("seconds", "psi") or value.is_integer()
+    whole = what in ("seconds", "psi", "psi_per_s") or value.is_integer()
     if not math.isfinite(value) or value < lowest or not whole:
-        kind = "a number" if what in ("seconds", "psi") else "a whole number"
+        kind = "a number" if what in ("seconds", "psi", "psi_per_s") else "a whole number"
         raise BadInput(f"fault {text!r}: {what} is {value_text!r}; it must be {kind} of at least {lowest:g}")
     return value
 
@@ -167,10 +183,11 @@ class FaultPanel:
 
     def active(self, kind: str) -> Fault | None:
         """The fault of that kind if it is there and has begun."""
-        for fault in self._faults:
-            if fault.kind == kind and self._begun(fault):
-                return fault
-        return None
+        return next(iter(self.all_active(kind)), None)
+
+    def all_active(self, kind: str) -> tuple[Fault, ...]:
+        """The faults of that kind that have begun."""
+        return tuple(fault for fault in self._faults if fault.kind == kind and self._begun(fault))
 
     def _begun(self, fault: Fault) -> bool:
         return self._clock.now_s() - self._origin_s >= fault.from_s and self._highest_psi() >= fault.from_psi
@@ -193,6 +210,7 @@ class LineFaults:
         self._rng = rng
         self._lock = threading.Lock()
         self._answered = 0
+        self._spent: list[Fault] = []
         self.dead = False
 
     def deliver(self, reply: bytes, readdressed: bytes | None = None, count: int = 1) -> Delivery:
@@ -212,8 +230,17 @@ class LineFaults:
                 reply = reply[: len(reply) // 2]
             if self.panel.active("garbage"):
                 reply = self._rng.bytes(len(reply))
-            late = self.panel.active("late")
-            return Delivery(due_s + late.value if late else due_s, reply)
+            return Delivery(due_s + self._lateness_s(count), reply)
+
+    def _lateness_s(self, count: int) -> float:
+        late = self.panel.active("late")
+        if late is not None:
+            return late.value
+        for fault in self.panel.all_active("late-once") if count else ():
+            if not any(spent is fault for spent in self._spent):
+                self._spent.append(fault)
+                return fault.value
+        return 0.0
 
     def _count(self, count: int) -> None:
         mortal = self.panel.active("dies-after")

@@ -150,8 +150,10 @@ def _older_row(line: str, unit_id: str, number: int) -> _Row | None:
     low, high = _RANGE_END.fullmatch(row["low"]), _RANGE_END.fullmatch(row["high"])
     if row["type"] not in ("signed", "unsigned") or low is None or high is None:
         return _Row(statistic, line)
-    # The captured frame shows its "signed" setpoint without a sign, one character shorter.
-    sign: Sign = "either" if row["high"][0] in "+-" else "never"
+    sign: Sign = "always" if row["high"][0] in "+-" else "never"
+    if statistic == GAUGE_SETPOINT and sign == "always":
+        # The captured frame shows it without a sign, one character shorter, though its row has one.
+        sign = "either"
     return _Row(statistic, line, len(row["high"]), len(high["decimals"] or ""), row["label"], sign)
 
 
