@@ -7,11 +7,10 @@ numat's (registers, `LSRC`) and alicatlib (`NCS`, `LCDB`, `DCZ`). docs/reference
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from labctl.doubles.alicat_variants import Variant
+from labctl.doubles.alicat_variants import Unit, Variant
 from labctl.doubles.plant import Plant
 
 GAUGE, GAUGE_SETPOINT = 6, 38
-UNIT_CODE, UNIT_LABEL = 10, "PSIG"
 _REGISTER_CONTROL_POINT, _REGISTER_STREAM_MS = 122, 91
 #: Seconds in the time units of `SR`, and their names.
 _TIME_UNITS = {3: (0.001, "ms"), 4: (1.0, "s"), 5: (60.0, "m"), 6: (3600.0, "h"), 7: (86400.0, "d")}
@@ -32,8 +31,8 @@ class DeviceSettings:
     ramp_when: tuple[bool, bool, bool, bool] = (True, True, True, True)
 
     @property
-    def ramp_psi_per_s(self) -> float:
-        """How fast the device moves its setpoint; 0 is at once."""
+    def ramp_per_s(self) -> float:
+        """How fast the device moves its setpoint, in its unit; 0 is at once."""
         return self.ramp / _TIME_UNITS[self.ramp_unit][0]
 
     def ramps(self, setpoint_psi: float, now_psi: float) -> bool:
@@ -50,8 +49,11 @@ class AlicatAnswers:
     Each question is known from the firmware that introduced it on.
     """
 
-    def __init__(self, plant: Plant, variant: Variant, settings: DeviceSettings) -> None:
+    def __init__(
+        self, plant: Plant, variant: Variant, settings: DeviceSettings, unit: Callable[[], Unit]
+    ) -> None:
         self._plant = plant
+        self._unit_now = unit
         self._variant = variant
         self._settings = settings
         self._gains = {21: 500, 22: 5000, 23: 0, 85: 2}
@@ -86,8 +88,8 @@ class AlicatAnswers:
             return None
         state = self._plant.state()
         shown = {
-            GAUGE: self._variant.pressure.format(state.measured_psi),
-            GAUGE_SETPOINT: self._variant.setpoint.format(state.setpoint_psi),
+            GAUGE: self._variant.pressure.format(state.measured_psi / self._unit_now().psi),
+            GAUGE_SETPOINT: self._variant.setpoint.format(state.setpoint_psi / self._unit_now().psi),
         }
         return " ".join(shown.get(int(value), "-------") for value in values[1:])
 
@@ -95,13 +97,13 @@ class AlicatAnswers:
         return None if values and int(values[0]) != GAUGE_SETPOINT else str(GAUGE_SETPOINT)
 
     def _ramp(self, values: list[str]) -> str | None:
-        it = self._settings
+        it, unit_now = self._settings, self._unit_now()
         if values:
             rate, unit = float(values[0]), int(values[1]) if len(values) == 2 else 0
             if not 0 <= rate < 1e6 or unit not in _TIME_UNITS:
                 return None
             it.ramp, it.ramp_unit = rate, unit
-        return f"{it.ramp:.2f} {UNIT_CODE} {it.ramp_unit} {UNIT_LABEL}/{_TIME_UNITS[it.ramp_unit][1]}"
+        return f"{it.ramp:.2f} {unit_now.code} {it.ramp_unit} {unit_now.label}/{_TIME_UNITS[it.ramp_unit][1]}"
 
     def _ramp_when(self, values: list[str]) -> str | None:
         if values:
@@ -114,14 +116,17 @@ class AlicatAnswers:
     def _full_scale(self, values: list[str]) -> str | None:
         if len(values) != 1 or int(values[0]) not in (GAUGE, GAUGE_SETPOINT):
             return "+0 1 ---" if len(values) == 1 else None
-        return f"{self._variant.pressure.format(self._plant.full_scale_psi)} {UNIT_CODE} {UNIT_LABEL}"
+        unit = self._unit_now()
+        full_scale = self._variant.pressure.format(self._plant.full_scale_psi / unit.psi)
+        return f"{full_scale} {unit.code} {unit.label}"
 
     def _unit(self, values: list[str]) -> str | None:
         if not values or int(values[0]) not in (GAUGE, GAUGE_SETPOINT):
             return None
-        if len(values) > 1 and int(values[1]) != UNIT_CODE:
+        unit = self._unit_now()
+        if len(values) > 1 and int(values[1]) != unit.code:
             return None
-        return f"{UNIT_CODE} {UNIT_LABEL}"
+        return f"{unit.code} {unit.label}"
 
     def _valve_drive(self, values: list[str]) -> str | None:
         """Of four valves, in percent: the inlet, the exhaust, and two that the device does not have."""
@@ -144,7 +149,11 @@ class AlicatAnswers:
 
     def _dead_band(self, values: list[str]) -> str | None:
         # The plant's loop has none, so none can be set.
-        return None if values and float(values[-1]) != 0 else f"0.00 {UNIT_CODE} {UNIT_LABEL}"
+        return (
+            None
+            if values and float(values[-1]) != 0
+            else f"0.00 {self._unit_now().code} {self._unit_now().label}"
+        )
 
     def _zero_band(self, values: list[str]) -> str | None:
         if values:

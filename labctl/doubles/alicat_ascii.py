@@ -11,7 +11,7 @@ from collections.abc import Callable
 from labctl.clock import Clock
 from labctl.doubles.alicat_answers import AlicatAnswers, DeviceSettings
 from labctl.doubles.alicat_tables import layout_table, manufacturing_table
-from labctl.doubles.alicat_variants import NEWEST, VARIANTS, FirmwareName
+from labctl.doubles.alicat_variants import BARG, NEWEST, PSIG, VARIANTS, FirmwareName, Unit
 from labctl.doubles.chamber import Mode
 from labctl.doubles.faults import FaultPanel
 from labctl.doubles.plant import Plant
@@ -48,7 +48,7 @@ class AlicatAscii:
         self.unit_id = unit_id.upper()
         self._variant = VARIANTS[firmware]
         self._settings = DeviceSettings()
-        self._answers = AlicatAnswers(plant, self._variant, self._settings)
+        self._answers = AlicatAnswers(plant, self._variant, self._settings, self._unit)
         self._source = "S"
         self._locked = False
         self._stream_due_s = 0.0
@@ -90,7 +90,9 @@ class AlicatAscii:
         questions: dict[str, Callable[[], str | None]] = {
             "": self._frame,
             "VE": self._version,
-            "??D*": lambda: _lines(layout_table(self._variant, self.unit_id, self._plant.full_scale_psi)),
+            "??D*": lambda: _lines(
+                layout_table(self._variant, self.unit_id, self._plant.full_scale_psi, self._unit())
+            ),
             "??M*": lambda: _lines(
                 manufacturing_table(
                     self._variant, self.unit_id, self._plant.settings.single_valve, self._plant.full_scale_psi
@@ -153,8 +155,8 @@ class AlicatAscii:
         }
         blank = "" if self._faults.active("no-blank") else " "
         shown = (
-            self._variant.pressure.format(pressure_psi),
-            self._variant.setpoint.format(state.setpoint_psi),
+            self._variant.pressure.format(pressure_psi / self._unit().psi),
+            self._variant.setpoint.format(state.setpoint_psi / self._unit().psi),
         )
         status = (word for word, on in words.items() if on)
         return " ".join((self.unit_id + blank + shown[0], shown[1], *status)) + _CR
@@ -163,6 +165,9 @@ class AlicatAscii:
         if self._variant.version_date is None or self._faults.active("silent-version"):
             return ""
         return f"{self.unit_id}   {self._variant.revision} {self._variant.version_date}{_CR}"
+
+    def _unit(self) -> Unit:
+        return BARG if self._faults.active("unit-bar") else PSIG
 
     def _switch(self, mode: Mode) -> str:
         self._plant.switch_mode(mode)
@@ -181,9 +186,9 @@ class AlicatAscii:
 
     def _take_setpoint(self, text: str) -> bool:
         number = _NUMBER.fullmatch(text)
-        if number is None or not 0 <= float(number[1]) <= self._plant.full_scale_psi:
+        if number is None or not 0 <= float(number[1]) * self._unit().psi <= self._plant.full_scale_psi:
             return False
-        self._hand_over(float(number[1]))
+        self._hand_over(float(number[1]) * self._unit().psi)
         return True
 
     def _hand_over(self, setpoint_psi: float) -> None:
@@ -195,17 +200,18 @@ class AlicatAscii:
     def _ramp_psi_per_s(self) -> float:
         fault = self._faults.active("own-ramp")
         if fault is not None and self._left("own-ramp"):
-            self._settings.ramp, self._settings.ramp_unit = fault.value, 4
-        return self._settings.ramp_psi_per_s
+            self._settings.ramp, self._settings.ramp_unit = fault.value / self._unit().psi, 4
+        return self._settings.ramp_per_s * self._unit().psi
 
     def _loop_setpoint(self, text: str) -> str | None:
         if not self._variant.knows((9, 0)) or (text and not self._take_setpoint(text)):
             return None
         state = self._plant.state()
         now, requested = (
-            self._variant.setpoint.format(psi) for psi in (state.setpoint_psi, state.requested_psi)
+            self._variant.setpoint.format(psi / self._unit().psi)
+            for psi in (state.setpoint_psi, state.requested_psi)
         )
-        return f"{self.unit_id} {now} {requested} 10 PSIG{_CR}"
+        return f"{self.unit_id} {now} {requested} {self._unit().code} {self._unit().label}{_CR}"
 
     def _setpoint_source_now(self) -> str:
         return "A" if self._faults.active("ignored-setpoint") else self._source
@@ -242,6 +248,8 @@ def _lines(lines: list[str]) -> str:
 
 class AsciiLine:
     """The device's end of a serial line: commands end in CR, replies too."""
+
+    is_text = True
 
     def __init__(self, device: AlicatAscii) -> None:
         self._device = device

@@ -22,6 +22,9 @@ SETPOINT = 1009
 STATUS = 1200
 STATISTICS_END = 1240
 STATUS_HLD, STATUS_EXH = 1 << 8, 1 << 10
+# Bit 20 has no meaning in the map.
+STATUS_UNKNOWN = 1 << 20
+PSI_PER_BAR = 14.503773773
 OK, BAD_COMMAND, BAD_SETTING, UNSUPPORTED = 0, 0x8001, 0x8002, 0x8003
 MAX_READ, MAX_WRITE = 125, 123
 _READ_HOLDING, _READ_INPUT, _WRITE_MULTIPLE = 3, 4, 16
@@ -33,7 +36,8 @@ class AlicatModbus:
     """The device; it knows functions 3, 4 and 16.
 
     The setpoint is write-only and takes both of its registers in one request. Unused registers read
-    0xFFFF on a serial line (`on_tcp` False) and are illegal addresses on TCP.
+    0xFFFF on a serial line (`on_tcp` False) and are illegal addresses on TCP. A gateway that exchanges words or
+    bytes does it to requests and replies alike.
     """
 
     def __init__(self, plant: Plant, faults: FaultPanel, unit_id: int = 1, on_tcp: bool = False) -> None:
@@ -57,6 +61,10 @@ class AlicatModbus:
             return self._write(pdu)
         raise ModbusError(ILLEGAL_FUNCTION)
 
+    def answers_broadcast(self, pdu: bytes) -> bool:
+        """Nothing that is sent to unit 0 is answered."""
+        return False
+
     def _read(self, function: int, pdu: bytes) -> bytes:
         if len(pdu) != 5:
             raise ModbusError(ILLEGAL_VALUE)
@@ -65,6 +73,8 @@ class AlicatModbus:
             raise ModbusError(ILLEGAL_VALUE)
         known = self._registers()
         words = [self._word(register, known) for register in range(address, address + count)]
+        if self._faults.active("swapped-bytes"):
+            words = [_exchange_bytes(word) for word in words]
         return struct.pack(f">BB{count}H", function, 2 * count, *words)
 
     def _word(self, register: int, known: dict[int, int]) -> int:
@@ -78,7 +88,12 @@ class AlicatModbus:
     def _registers(self) -> dict[int, int]:
         state = self._plant.state()
         status = (STATUS_EXH if state.exhausting else 0) | (STATUS_HLD if state.holding else 0)
-        words = struct.unpack(">6H", struct.pack(">Iff", status, state.measured_psi, state.setpoint_psi))
+        if self._faults.active("unknown-status-bit"):
+            status |= STATUS_UNKNOWN
+        pressures = (state.measured_psi / self._unit_psi(), state.setpoint_psi / self._unit_psi())
+        words: tuple[int, ...] = struct.unpack(">6H", struct.pack(">Iff", status, *pressures))
+        if self._faults.active("swapped-words"):
+            words = tuple(words[place ^ 1] for place in range(len(words)))
         own = {COMMAND: self._last_command, ARGUMENT: self._command_status}
         return own | {STATUS + offset: word for offset, word in enumerate(words)}
 
@@ -88,17 +103,27 @@ class AlicatModbus:
         address, count, size = struct.unpack(">HHB", pdu[1:6])
         if not 1 <= count <= MAX_WRITE or size != 2 * count or len(pdu) != 6 + size:
             raise ModbusError(ILLEGAL_VALUE)
+        words = list(struct.unpack(f">{count}H", pdu[6:]))
+        if self._faults.active("swapped-bytes"):
+            words = [_exchange_bytes(word) for word in words]
         if address == SETPOINT and count == 2:
-            self._take_setpoint(struct.unpack(">f", pdu[6:])[0])
+            if self._faults.active("swapped-words"):
+                words.reverse()
+            self._take_setpoint(struct.unpack(">f", struct.pack(">HH", *words))[0])
         elif address == COMMAND and count == 2:
-            self._run(*struct.unpack(">HH", pdu[6:]))
+            self._run(*words)
         elif address in (COMMAND, ARGUMENT, SETPOINT, SETPOINT + 1):
             raise ModbusError(ILLEGAL_VALUE)
         else:
             raise ModbusError(ILLEGAL_ADDRESS)
         return pdu[:5]
 
-    def _take_setpoint(self, setpoint_psi: float) -> None:
+    def _unit_psi(self) -> float:
+        """One of the unit that the device is set to, in psi."""
+        return PSI_PER_BAR if self._faults.active("unit-bar") else 1.0
+
+    def _take_setpoint(self, value: float) -> None:
+        setpoint_psi = value * self._unit_psi()
         if not math.isfinite(setpoint_psi) or not 0 <= setpoint_psi <= self._plant.full_scale_psi:
             raise ModbusError(ILLEGAL_VALUE)
         if not self._faults.active("ignored-setpoint") and not self._faults.active("stuck-setpoint"):
@@ -143,3 +168,7 @@ class AlicatModbus:
             return BAD_SETTING
         self.unit_id = argument
         return OK
+
+
+def _exchange_bytes(word: int) -> int:
+    return (word & 0xFF) << 8 | word >> 8

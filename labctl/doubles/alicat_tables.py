@@ -3,20 +3,20 @@
 Sources: the same captures as `alicat_variants`.
 """
 
-from labctl.doubles.alicat_variants import Shown, Variant
+from labctl.doubles.alicat_variants import Shown, Unit, Variant
 
 _CURSOR_BACK = "\b\b"
 
 
-def layout_table(variant: Variant, unit_id: str, full_scale_psi: float) -> list[str]:
+def layout_table(variant: Variant, unit_id: str, full_scale_psi: float, unit: Unit) -> list[str]:
     """The lines of `??D*`."""
     if variant.older_table:
-        return _padded(variant, _older_table(variant, unit_id, full_scale_psi))
+        return _padded(variant, _older_table(variant, unit_id, full_scale_psi / unit.psi, unit.label))
     rows = [
         "D00 ID_ NAME______________________ TYPE_______ WIDTH NOTES___________________",
         "D01 700 Unit ID                    string          1",
-        _number_row(2, "006 Gauge Press", variant.pressure),
-        _number_row(3, "038 Ga Press Setpt", variant.setpoint),
+        _number_row(2, "006 Gauge Press", variant.pressure, unit),
+        _number_row(3, "038 Ga Press Setpt", variant.setpoint, unit),
         "D04 701 *Error                     string          3 ADC",
     ]
     rows += [
@@ -62,18 +62,20 @@ def manufacturing_table(
     return [f"{unit_id}  M{number:02d} {fact}" for number, fact in enumerate(facts)]
 
 
-def _number_row(number: int, name: str, shown: Shown) -> str:
+def _number_row(number: int, name: str, shown: Shown, unit: Unit) -> str:
     kind = "s decimal" if shown.signed else "decimal"
-    return f"D{number:02d} {name:<30} {kind:<13} {shown.width}/{shown.decimals} 010 02 PSIG"
+    return (
+        f"D{number:02d} {name:<30} {kind:<13} {shown.width}/{shown.decimals} {unit.code:03d} 02 {unit.label}"
+    )
 
 
-def _older_table(variant: Variant, unit_id: str, full_scale_psi: float) -> list[str]:
-    low, high = variant.pressure.format(0.0), variant.pressure.format(full_scale_psi)
+def _older_table(variant: Variant, unit_id: str, full_scale: float, label: str) -> list[str]:
+    low, high = variant.pressure.format(0.0), variant.pressure.format(full_scale)
     rows = [
         "D00 NAME_______ TYPE_____ MinVal_  MaxVal_  UNITS__",
         "D01 Unit ID     char         A         Z         na",
-        f"D02 Pressure    signed    {low}  {high}     PSIG",
-        f"D03 SetPoint    signed    {low}  {high}     PSIG",
+        f"D02 Pressure    signed    {low}  {high}     {label}",
+        f"D03 SetPoint    signed    {low}  {high}     {label}",
         "D04 Error       string         na      ADC       na",
     ]
     rows += [

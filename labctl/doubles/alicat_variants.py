@@ -20,6 +20,19 @@ _WORDS_10 = ("OPL", "POV", "P2O", "COM", "HLD", "EXH", "GTA", "LCK")
 
 
 @dataclass(frozen=True)
+class Unit:
+    """The unit that the device is set to: one of it in psi, its number and its name."""
+
+    psi: float
+    code: int
+    label: str
+
+
+PSIG = Unit(1.0, 10, "PSIG")
+BARG = Unit(14.503773773, 7, "BARG")
+
+
+@dataclass(frozen=True)
 class Shown:
     """A number in the data frame: characters with the sign, decimals, and whether it has a sign."""
 

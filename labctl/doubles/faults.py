@@ -1,13 +1,10 @@
 """Faults that a double can show: what each instrument allows, and how their texts are parsed."""
 
 import math
-import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal
-
-import numpy as np
 
 from labctl.clock import Clock
 from labctl.errors import BadInput
@@ -21,7 +18,23 @@ _ANY_REPLY: dict[str, Argument] = {
     "truncated": "",
     "late": "seconds",
     "late-once": "seconds",
+    "split": "seconds",
     "dies-after": "count",
+}
+_ANY_LINE: dict[str, Argument] = {
+    **_ANY_REPLY,
+    "wrong-address": "",
+    "trickle": "seconds",
+    "previous": "",
+    "reboot": "",
+    "echo": "",
+    "stray-before": "",
+    "stray-between": "",
+    "stray-after": "",
+    "nul": "",
+    "crlf": "",
+    "blank-lines": "",
+    "escapes": "",
 }
 
 _ASCII: dict[str, Argument] = {
@@ -40,19 +53,32 @@ ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
     {
         "regulator": MappingProxyType(
             {
-                **_ANY_REPLY,
-                "wrong-address": "",
+                **_ANY_LINE,
                 "stuck-setpoint": "",
                 "ignored-setpoint": "",
                 "stuck-exhaust": "",
                 "overpressure": "",
                 "frozen-sensor": "",
                 "low-sensor": "",
+                "swapped-words": "",
+                "swapped-bytes": "",
+                "unknown-status-bit": "",
+                "unit-bar": "",
                 **_ASCII,
             }
         ),
         "valves": MappingProxyType(
-            {**_ANY_REPLY, "wrong-address": "", "stuck-coils": "", "stuck-coil": "channel"}
+            {
+                **_ANY_LINE,
+                "stuck-coils": "",
+                "stuck-coil": "channel",
+                "bytes-reversed": "",
+                "write-bytes-reversed": "",
+                "no-all-coil": "",
+                "no-multiple-write": "",
+                "single-coils-only": "",
+                "old-firmware": "",
+            }
         ),
         "markers": MappingProxyType({**_ANY_REPLY, "blind": ""}),
     }
@@ -64,16 +90,27 @@ class Fault:
     """One fault of one instrument.
 
     Kinds of every instrument: `silent`; `garbage` (random bytes in place of each reply or frame);
-    `truncated` (half of it); `late` (`value` seconds later); `late-once` (the first reply alone); `dies-after` (the
-    port closes after `value` requests, of a marker server after so many frames). Of the regulator and the valves:
-    `wrong-address` (the reply carries another device's address, all else intact).
+    `truncated` (half of it); `late` (`value` seconds later); `late-once` (the next reply only); `split` (two halves,
+    `value` seconds apart); `dies-after` (the port closes after `value` requests, of a marker server after so many
+    frames).
+    Of the regulator and the valves: `wrong-address` (the reply carries another device's address, all else intact);
+    `trickle` (byte by byte, `value` seconds apart); `previous` (each reply is kept until the next request has come);
+    `reboot` (the next request is lost, a second later a banner comes, and all is as at power-up); `echo` (the
+    adapter sends back what it is given); `stray-before`, `stray-between`, `stray-after` (0x00 0xFF right before each
+    reply, on their own, right after); after each reply, of text each line: `nul` (NUL), `crlf` (LF, of frames CR LF),
+    `escapes` (an escape sequence that clears a terminal, before the CR); `blank-lines` (CR before and after it).
     Regulator: `stuck-setpoint` (accepted, never taken over); `ignored-setpoint` (the setpoint source is
     analog); `stuck-exhaust` (EXH is reported, the valve stays shut); `overpressure` (the inlet sticks open);
     `frozen-sensor`, `low-sensor` (the reading stays, or is -2 psi; the controller opens its inlet for it).
-    Regulator on ASCII (`ASCII_ONLY`): `own-ramp` (it ramps its own setpoint, `value` psi/s); `silent-version` (no
-    answer to `VE`); `no-blank` (none between its id and the first number); `second-sensor` (it reports P2O);
-    `streaming`, `half-line` (it is found streaming, or with half a line that another program did not end).
-    Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only).
+    `unit-bar` (the device is set to bar, whatever rig.toml says). On Modbus: `swapped-words` (a gateway exchanges
+    the words of 32-bit values, both ways), `swapped-bytes` (the bytes of every word), `unknown-status-bit` (bit 20).
+    On ASCII (`ASCII_ONLY`): `own-ramp` (it ramps its own setpoint, `value` psi/s); `silent-version` (no answer to
+    `VE`); `no-blank` (none between its id and the first number); `second-sensor` (it reports P2O); `streaming`,
+    `half-line` (it is found streaming, or with half a line that another program did not end).
+    Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only);
+    `bytes-reversed` (function 01 answers its data bytes last first), `write-bytes-reversed` (function 0F takes them
+    so). Not answered: coil 0x00FF (`no-all-coil`); function 0F (`no-multiple-write`); both, and 01 for more than one
+    coil (`single-coils-only`); all but 05 for one coil and 01 at 0x00FF, eight channels (`old-firmware`).
     Markers: `blind` (every marker occluded).
 
     It begins once the plant time is `from_s` and the plant's pressure has been `from_psi`, for good.
@@ -191,61 +228,3 @@ class FaultPanel:
 
     def _begun(self, fault: Fault) -> bool:
         return self._clock.now_s() - self._origin_s >= fault.from_s and self._highest_psi() >= fault.from_psi
-
-
-@dataclass(frozen=True)
-class Delivery:
-    """Bytes to be sent when the clock reads `due_s`."""
-
-    due_s: float
-    data: bytes
-
-
-class LineFaults:
-    """The faults of an instrument's bytes: what becomes of each reply on its way out."""
-
-    def __init__(self, panel: FaultPanel, clock: Clock, rng: np.random.Generator) -> None:
-        self.panel = panel
-        self._clock = clock
-        self._rng = rng
-        self._lock = threading.Lock()
-        self._answered = 0
-        self._spent: list[Fault] = []
-        self.dead = False
-
-    def deliver(self, reply: bytes, readdressed: bytes | None = None, count: int = 1) -> Delivery:
-        """What is sent in place of `reply`, and when; `data` is empty where nothing is.
-
-        `readdressed` is the same reply with another device's address; `count` is the number of requests
-        (or frames) that the reply stands for. Sets `dead` when the instrument has died.
-        """
-        with self._lock:
-            due_s = self._clock.now_s()
-            self._count(count)
-            if self.dead or self.panel.active("silent"):
-                return Delivery(due_s, b"")
-            if readdressed is not None and self.panel.active("wrong-address"):
-                reply = readdressed
-            if self.panel.active("truncated"):
-                reply = reply[: len(reply) // 2]
-            if self.panel.active("garbage"):
-                reply = self._rng.bytes(len(reply))
-            return Delivery(due_s + self._lateness_s(count), reply)
-
-    def _lateness_s(self, count: int) -> float:
-        late = self.panel.active("late")
-        if late is not None:
-            return late.value
-        for fault in self.panel.all_active("late-once") if count else ():
-            if not any(spent is fault for spent in self._spent):
-                self._spent.append(fault)
-                return fault.value
-        return 0.0
-
-    def _count(self, count: int) -> None:
-        mortal = self.panel.active("dies-after")
-        if mortal is None:
-            self._answered = 0
-            return
-        self._answered += count
-        self.dead = self.dead or self._answered > mortal.value

@@ -9,7 +9,8 @@ from typing import Protocol, Self
 
 from labctl.clock import Clock
 from labctl.doubles.device_end import GAP_S, DeviceEnd, HangUpError, Line
-from labctl.doubles.faults import Faults, LineFaults
+from labctl.doubles.faults import Faults
+from labctl.doubles.line_faults import LineFaults
 from labctl.doubles.phasespace import ClientEnd, PhaseSpaceDevice
 from labctl.doubles.phasespace_packets import TooLargeError
 from labctl.doubles.plant import Plant

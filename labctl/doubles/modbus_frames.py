@@ -25,6 +25,10 @@ class ModbusError(Exception):
         self.code = code
 
 
+class SilenceError(Exception):
+    """A request that this device does not answer at all."""
+
+
 def crc16(data: bytes) -> int:
     """The CRC of a serial frame; it goes on the wire low byte first."""
     crc = 0xFFFF

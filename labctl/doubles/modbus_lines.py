@@ -6,6 +6,7 @@ from labctl.doubles.device_end import HangUpError
 from labctl.doubles.modbus_frames import (
     BROADCAST,
     ModbusError,
+    SilenceError,
     TcpFrame,
     exception_pdu,
     open_rtu_frame,
@@ -24,23 +25,33 @@ class ModbusDevice(Protocol):
 
         Raises:
             ModbusError: the request is refused.
+            SilenceError: the request is not answered.
         """
         ...
 
+    def answers_broadcast(self, pdu: bytes) -> bool:
+        """Whether a request to unit 0 is answered all the same, from the device's own address."""
+        ...
 
-def _reply_pdu(device: ModbusDevice, pdu: bytes) -> bytes:
+
+def _reply_pdu(device: ModbusDevice, pdu: bytes) -> bytes | None:
+    """The reply, an exception where it is refused; None for silence."""
     try:
         return device.answer(pdu)
     except ModbusError as refusal:
         return exception_pdu(pdu[0], refusal.code)
+    except SilenceError:
+        return None
 
 
 class RtuLine:
     """A device on a serial line: whatever lies between two silences is one frame.
 
     A frame with a bad CRC, two frames run together, or another unit's frame is answered by silence; a
-    broadcast (unit 0) is acted on and not answered. Source: Modbus over Serial Line V1.02, 2.5.1.
+    broadcast (unit 0) is acted on and, as a rule, not answered. Source: Modbus over Serial Line V1.02, 2.5.1.
     """
+
+    is_text = False
 
     def __init__(self, device: ModbusDevice) -> None:
         self._device = device
@@ -65,12 +76,13 @@ class RtuLine:
         if frame is None:
             return []
         unit, pdu = frame
-        if unit == BROADCAST:
-            _reply_pdu(self._device, pdu)
-            return [b""]
-        if unit != self._device.unit_id:
+        if unit not in (BROADCAST, self._device.unit_id):
             return []
-        return [rtu_frame(unit, _reply_pdu(self._device, pdu))]
+        own_id = self._device.unit_id
+        reply = _reply_pdu(self._device, pdu)
+        if reply is None or (unit == BROADCAST and not self._device.answers_broadcast(pdu)):
+            return [b""]
+        return [rtu_frame(own_id, reply)]
 
     def unprompted(self) -> bytes:
         """Nothing: a Modbus device only answers."""
@@ -85,6 +97,7 @@ class TcpLine:
     """The same device on Modbus TCP; another unit's request is answered by silence."""
 
     waiting = False
+    is_text = False
 
     def __init__(self, device: ModbusDevice) -> None:
         self._device = device
@@ -108,8 +121,11 @@ class TcpLine:
     def _reply(self, frame: TcpFrame) -> bytes:
         if frame.unit not in (BROADCAST, self._device.unit_id):
             return b""
+        own_id = self._device.unit_id
         pdu = _reply_pdu(self._device, frame.pdu)
-        return b"" if frame.unit == BROADCAST else TcpFrame(frame.transaction, frame.unit, pdu).encoded()
+        if pdu is None or (frame.unit == BROADCAST and not self._device.answers_broadcast(frame.pdu)):
+            return b""
+        return TcpFrame(frame.transaction, own_id, pdu).encoded()
 
     def idle(self) -> list[bytes]:
         """A pause means nothing on TCP."""

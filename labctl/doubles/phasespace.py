@@ -5,7 +5,7 @@ from collections import deque
 import numpy as np
 
 from labctl.clock import Clock
-from labctl.doubles.faults import Delivery, LineFaults
+from labctl.doubles.line_faults import Delivery, LineFaults
 from labctl.doubles.markers import Cameras, MarkerBatch, MarkerSettings
 from labctl.doubles.phasespace_packets import Packet, encode_frames, take_packet
 from labctl.doubles.phasespace_session import NAMES, Hub, Session
@@ -53,9 +53,9 @@ class ClientEnd:
         self._add(packet.encoded())
 
     def _add(self, data: bytes) -> None:
-        delivery = self._faults.deliver(data, count=0)
-        self._late.append(delivery)
-        self._late_bytes += len(delivery.data)
+        for delivery in self._faults.send(data, count=0):
+            self._late.append(delivery)
+            self._late_bytes += len(delivery.data)
 
 
 class PhaseSpaceDevice:

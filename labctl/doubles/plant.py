@@ -136,6 +136,17 @@ class Plant:
             self._catch_up()
             self._chamber.mode = mode
 
+    def reset_regulator(self) -> None:
+        """What a regulator is at power-up: in control, its setpoint 0."""
+        with self._lock:
+            self._catch_up()
+            self._requested_psi = self._chamber.setpoint_psi = 0.0
+            self._chamber.mode = Mode.CONTROL
+
+    def reset_relays(self) -> None:
+        """What a relay board is at power-up: every relay off."""
+        self.write_coils(dict.fromkeys(range(1, self.settings.channels + 1), False))
+
     def tare(self) -> None:
         """Call the present pressure zero, whatever it is."""
         with self._lock:

@@ -10,7 +10,8 @@ from labctl.clock import Clock, WallClock
 from labctl.doubles.alicat_ascii import AlicatAscii, AsciiLine
 from labctl.doubles.alicat_modbus import AlicatModbus
 from labctl.doubles.device_end import Line
-from labctl.doubles.faults import FaultPanel, Faults, Instrument, LineFaults
+from labctl.doubles.faults import FaultPanel, Faults, Instrument
+from labctl.doubles.line_faults import LineFaults
 from labctl.doubles.modbus_lines import RtuLine, TcpLine
 from labctl.doubles.phasespace import PhaseSpaceDevice
 from labctl.doubles.plant import Plant
@@ -81,6 +82,8 @@ class SimulatedRig:
                 trace.write if trace else None,
             )
             opened.callback(self.plant.close)
+            self.line_faults["regulator"].on_reboot = self.plant.reset_regulator
+            self.line_faults["valves"].on_reboot = self.plant.reset_relays
             for panel in self.panels.values():
                 panel.follow(lambda: self.plant.highest_psi)
             self.markers = PhaseSpaceDevice(

@@ -240,7 +240,7 @@ class AlicatAscii:
             )
         if self._link.ended_stream:
             notes.append("was streaming and has been set to polling")
-        return tuple(notes)
+        return (*notes, *self._link.noticed)
 
     def _follow(
         self,

@@ -91,7 +91,10 @@ class AlicatModbus:
         self.read(timeout_s)
         return Identity(
             model="Alicat pressure controller",
-            notes=(f"over Modbus the device reports neither model nor unit; {self._unit} as configured",),
+            notes=(
+                f"over Modbus the device reports neither model nor unit; {self._unit} as configured",
+                *self._link.noticed,
+            ),
         )
 
     def read(self, timeout_s: float | None = None) -> PressureReading:

@@ -55,6 +55,10 @@ class ValveBank(Protocol):
         """The channels that are on."""
         ...
 
+    def look(self, timeout_s: float | None = None) -> frozenset[int]:
+        """The channels that are on; of a board too slow for one call, a part asked now and the rest as last read."""
+        ...
+
     def write(self, on: Collection[int], timeout_s: float | None = None) -> frozenset[int]:
         """Switch exactly the channels `on` on and all others off; returns what was read back."""
         ...

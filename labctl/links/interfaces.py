@@ -26,6 +26,11 @@ class LineLink(Protocol):
         """A reply is missing or was not understood: the next exchange resynchronises first."""
         ...
 
+    @property
+    def noticed(self) -> tuple[str, ...]:
+        """What the link left out of the answers so far, in words for people."""
+        ...
+
     def mark_suspect(self) -> None:
         """Report to the link that what it delivered was not the reply."""
         ...
@@ -73,12 +78,25 @@ class RegisterLink(Protocol):
         """The clock of the deadlines."""
         ...
 
+    @property
+    def noticed(self) -> tuple[str, ...]:
+        """What the link left out of the answers so far, in words for people."""
+        ...
+
     def resync_by_holding_registers(self, address: int, count: int, device_id: int) -> None:
         """Set a read whose reply no late reply can be mistaken for."""
         ...
 
+    def resync_by_coils(self, address: int, count: int, device_id: int) -> None:
+        """Set a read of coils for it, where a device answers nothing else."""
+        ...
+
     def read_coils(self, address: int, count: int, device_id: int, deadline: Deadline) -> tuple[bool, ...]:
         """Function 01."""
+        ...
+
+    def read_coil_bytes(self, address: int, count: int, device_id: int, deadline: Deadline) -> bytes:
+        """Function 01: the data bytes as they come, eight coils to a byte."""
         ...
 
     def write_coil(self, address: int, value: bool, device_id: int, deadline: Deadline) -> None:

@@ -106,8 +106,8 @@ class SerialPort:
         )
 
 
-def discard_until_quiet(port: BytePort, clock: Clock, quiet_s: float, deadline: Deadline) -> None:
-    """Throw a port's input away until nothing has come for `quiet_s`.
+def discard_until_quiet(port: BytePort, clock: Clock, quiet_s: float, deadline: Deadline) -> int:
+    """Throw a port's input away until nothing has come for `quiet_s`; returns how many bytes came.
 
     Raises:
         GarbledReply: bytes kept coming until the deadline.
@@ -122,7 +122,7 @@ def discard_until_quiet(port: BytePort, clock: Clock, quiet_s: float, deadline: 
         if data and not deadline.expired:
             continue
         if quiet.seconds >= quiet_s and not data:
-            return
+            return discarded
         if discarded:
             raise GarbledReply(
                 f"{port.name}: {discarded} bytes came unrequested and the line was not quiet for {quiet_s:g} "

@@ -272,7 +272,7 @@ class Supervisor:
         if expected is None:
             return None
         try:
-            channels_on = self._valves.read(timeout_s=_POLL_TIMEOUT_S)
+            channels_on = self._valves.look(timeout_s=_POLL_TIMEOUT_S)
         except InstrumentError as error:
             unread_s = self._scheduler.now_s() - self._valves_seen_s
             if unread_s > self._limits.stale_after_s + _VALVE_PERIOD_S:

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from labctl.doubles.faults import Fault, FaultPanel, Faults, LineFaults, parse_faults
+from labctl.doubles.faults import Fault, FaultPanel, Faults, parse_faults
+from labctl.doubles.line_faults import LineFaults
 from labctl.errors import BadInput
 
 

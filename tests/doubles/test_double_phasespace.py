@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from labctl.doubles import phasespace
-from labctl.doubles.faults import FaultPanel, LineFaults, parse_faults
+from labctl.doubles.faults import FaultPanel, parse_faults
+from labctl.doubles.line_faults import LineFaults
 from labctl.doubles.markers import DEFAULT_POINTS, LabFrame, MarkerSettings
 from labctl.doubles.phasespace import PhaseSpaceDevice
 from labctl.doubles.phasespace_packets import Packet, TooLargeError, checksum, take_packet

@@ -3,7 +3,8 @@ import socket
 import numpy as np
 import pytest
 
-from labctl.doubles.faults import FaultPanel, LineFaults, parse_faults
+from labctl.doubles.faults import FaultPanel, parse_faults
+from labctl.doubles.line_faults import LineFaults
 from labctl.doubles.modbus_frames import open_rtu_frame, rtu_frame
 from labctl.doubles.modbus_lines import RtuLine, TcpLine
 from labctl.doubles.plant import PlantSettings
@@ -53,6 +54,8 @@ def test_frames_of_the_manual_byte_for_byte(board_of, on_pty):
         ("01 05 00 00 FF 00 8C 3A", {1}),
         ("01 05 00 FF FF 00 BC 0A", set(range(1, 33))),
         ("01 05 00 FF 00 00 FD FA", set()),
+        ("01 05 00 FF 55 00 C2 AA", set(range(1, 33))),
+        ("01 05 00 FF 55 00 C2 AA", set()),
         ("01 05 02 00 00 07 8D B0", {1}),
     ]
     for frame, on in echoed:
@@ -60,6 +63,7 @@ def test_frames_of_the_manual_byte_for_byte(board_of, on_pty):
         assert port.ask(request) == request, frame
         assert plant.state().coils == on
     assert port.ask(bytes.fromhex("01 01 00 00 00 08 3D CC")) == rtu_frame(1, bytes.fromhex("01 01 01"))
+    assert port.ask(bytes.fromhex("00 03 40 00 00 01 90 1B")) == bytes.fromhex("01 03 02 00 01 79 84")
     off = port.ask(bytes.fromhex("01 0F 00 00 00 14 03 00 00 00 50 75"))
     assert off == rtu_frame(1, bytes.fromhex("0F 00 00 00 14"))
     assert plant.state().coils == set()
@@ -75,7 +79,7 @@ EXCHANGES = [
     ("05 001F FF00", "05 00 1F FF 00", {1, 3, 20, 32}),
     ("05 0020 FF00", "85 02", {1, 3, 20, 32}),
     ("05 0000 1234", "85 03", {1, 3, 20, 32}),
-    ("05 00FF 5500", "85 03", {1, 3, 20, 32}),
+    ("05 00FF 1234", "85 03", {1, 3, 20, 32}),
     ("01 00FF 0001", "81 02", {1, 3, 20, 32}),
     ("01 0000 0021", "81 02", {1, 3, 20, 32}),
     ("01 0000 0000", "81 03", {1, 3, 20, 32}),
@@ -124,6 +128,69 @@ def test_broadcast_is_obeyed_in_silence_and_other_units_are_not_answered(ask_of)
     assert plant.state().coils == {1}
     assert ask("05 0001 FF00", unit=2) is None
     assert plant.state().coils == {1}
+
+
+def test_the_serial_settings_are_kept_and_refused_where_there_are_none_such(ask_of):
+    _, ask = ask_of()
+    assert ask("03 2000 0001") == "03 02 00 01"
+    assert ask("06 2000 0205") == "06 20 00 02 05"
+    assert ask("03 2000 0001") == "03 02 02 05"
+    for wrong in ("0008", "0300"):
+        assert ask(f"06 2000 {wrong}") == "86 03"
+
+
+@pytest.mark.parametrize("baud", ["00 06 20 00 00 05 43 D8", "00 06 40 00 00 01 5C 1B"])
+def test_a_broadcast_write_is_obeyed_in_silence(board_of, on_pty, baud):
+    _, board = board_of()
+    port = on_pty(RtuLine(board))
+    assert port.ask(bytes.fromhex(baud)) == b""
+    assert port.ask(bytes.fromhex("00 03 80 00 00 01 AC 1B")) == rtu_frame(1, bytes.fromhex("03 02 00 C8"))
+
+
+CAPTURED = "simonvetter/modbus, issue 47: coil 11 written, and read as coil 19"
+
+
+def test_bytes_reversed_is_the_captured_board(board_of, on_pty):
+    plant, board = board_of("valves=bytes-reversed")
+    port = on_pty(RtuLine(board))
+    on = bytes.fromhex("01 05 00 0B FF 00 FD F8")
+    assert port.ask(on) == on
+    assert plant.state().coils == {12}
+    assert port.ask(bytes.fromhex("01 01 00 00 00 20 3D D2")) == bytes.fromhex(
+        "01 01 04 00 00 08 00 FC 11"
+    ), CAPTURED
+
+
+# What an odd board is asked, what it answers (None: nothing), and which channels are on then; 9 is on at first.
+ODD_BOARDS = [
+    ("bytes-reversed", "01 0008 0008", "01 01 01", {9}),
+    ("bytes-reversed", "0F 0000 0010 02 02 00", "0F 00 00 00 10", {2}),
+    ("write-bytes-reversed", "0F 0000 0010 02 02 00", "0F 00 00 00 10", {10}),
+    ("write-bytes-reversed", "01 0000 0010", "01 02 00 01", {9}),
+    ("no-all-coil", "05 00FF 0000", None, {9}),
+    ("no-all-coil", "0F 0008 0008 01 00", "0F 00 08 00 08", set()),
+    ("no-multiple-write", "0F 0008 0008 01 00", None, {9}),
+    ("no-multiple-write", "05 00FF 0000", "05 00 FF 00 00", set()),
+    ("single-coils-only", "05 00FF 0000", None, {9}),
+    ("single-coils-only", "0F 0008 0008 01 00", None, {9}),
+    ("single-coils-only", "01 0008 0008", None, {9}),
+    ("single-coils-only", "01 0008 0001", "01 01 01", {9}),
+    ("single-coils-only", "05 0008 0000", "05 00 08 00 00", set()),
+    ("old-firmware", "01 0000 0008", None, {9}),
+    ("old-firmware", "01 00FF 0001", "01 01 00", {9}),
+    ("old-firmware", "03 8000 0001", None, {9}),
+    ("old-firmware", "05 00FF 0000", None, {9}),
+    ("old-firmware", "0F 0008 0008 01 00", None, {9}),
+    ("old-firmware", "05 0008 0000", "05 00 08 00 00", set()),
+]
+
+
+@pytest.mark.parametrize(("fault", "asked", "answered", "on"), ODD_BOARDS)
+def test_odd_boards(ask_of, fault, asked, answered, on):
+    plant, ask = ask_of(f"valves={fault}")
+    plant.write_coils({9: True})
+    assert ask(asked) == answered
+    assert plant.state().coils == on
 
 
 def test_address_register_moves_the_board(ask_of):

@@ -19,6 +19,7 @@ class ScriptedLines:
     def __init__(self, *exchanges):
         self.clock = WallClock()
         self.suspect = False
+        self.noticed = ()
         self.probes = ()
         self.stream = None
         self.ended_stream = False
@@ -65,6 +66,8 @@ class ScriptedFrames:
 
     name = "device on a script"
     overhead_bytes = 3
+    strays = b""
+    is_serial = False
 
     def __init__(self, *exchanges):
         self.framer = FramerRTU(DecodePDU(False))
@@ -85,6 +88,9 @@ class ScriptedFrames:
 
     def has_input(self):
         return False
+
+    def begin(self, deadline):
+        return True
 
     def next_transaction(self):
         return 0
@@ -137,6 +143,8 @@ class ScriptedStream:
 
 
 def with_checksum(text):
+    if not text:
+        return b""
     body = bytes.fromhex(text)
     crc = 0xFFFF
     for byte in body:

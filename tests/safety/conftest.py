@@ -80,6 +80,9 @@ class FakeValves:
             raise NoAnswer("valve bank: no answer")
         return self.on
 
+    def look(self, timeout_s: float | None = None) -> frozenset[int]:
+        return self.read(timeout_s)
+
     def write(self, on: Collection[int], timeout_s: float | None = None) -> frozenset[int]:
         self.calls.append(f"valves {sorted(on)}")
         if self.dead:
