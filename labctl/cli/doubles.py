@@ -67,6 +67,11 @@ def doubles() -> None:
     "--dump-channel", type=click.IntRange(1, 32), help="Put a normally-open dump valve on this channel."
 )
 @click.option(
+    "--second-gauge",
+    type=click.Choice(["alicat-ascii", "alicat-modbus"]),
+    help="Tap a second gauge into the chamber, of this protocol.",
+)
+@click.option(
     "--speed",
     default=1.0,
     show_default=True,
@@ -131,6 +136,7 @@ def serve(
     relay_channels: str,
     single_valve: bool,
     dump_channel: int | None,
+    second_gauge: str | None,
     speed: float,
     seed: int,
     gap_texts: tuple[str, ...],
@@ -171,6 +177,7 @@ def serve(
         ),
         faults=parse_faults(fault_texts),
         dump_channel=dump_channel,
+        second_gauge=second_gauge,  # type: ignore[arg-type]  # likewise
         trace_path=trace_path,
     )
 

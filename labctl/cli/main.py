@@ -41,6 +41,7 @@ COMMANDS = {
     "report": ("labctl.cli.report", "report", "Write an HTML report of one or several runs."),
     "export": ("labctl.cli.export", "export", "Export a run as CSV, Parquet or C3D files."),
     "vent": ("labctl.cli.vent", "vent", "Take the rig to SAFE and read it back."),
+    "tare": ("labctl.cli.tare", "tare", "Tare the gauge of a vented rig, read it back, record it."),
     "status": ("labctl.cli.status", "status", "Show what the instruments read now; writes nothing to them."),
     "doctor": (
         "labctl.cli.doctor",

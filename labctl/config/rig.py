@@ -1,6 +1,6 @@
 """The rig as its configuration file describes it: instruments, addresses, limits, markers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -10,6 +10,11 @@ from labctl.errors import BadInput
 
 PressureUnit = Literal["psi", "kPa", "bar", "mbar"]
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+
+#: Below this a sheet counts as uninflated: a fortieth of the usual inflation.
+UNINFLATED_PSI = 0.1
+# A mean of readings in hundredths shows a zero no better than this.
+ZERO_UNSURE_PSI = 0.02
 
 
 @dataclass(frozen=True)
@@ -23,6 +28,20 @@ class RegulatorConfig:
     name: str
     driver: Literal["alicat-ascii", "alicat-modbus"]
     model: Literal["PC", "PCD"]
+    port: str
+    baudrate: int
+    unit_id: str
+    device_id: int
+    pressure_unit: PressureUnit
+    timeout_s: float
+
+
+@dataclass(frozen=True)
+class GaugeConfig:
+    """A second gauge of the sheet's pressure, which is read and never written to; the keys are the regulator's."""
+
+    name: str
+    driver: Literal["alicat-ascii", "alicat-modbus"]
     port: str
     baudrate: int
     unit_id: str
@@ -103,6 +122,28 @@ class Limits:
     vent_timeout_s: float = 10.0
     follow_within_psi: float = 1.0
     follow_timeout_s: float = 5.0
+    tare_within_psi: float = 0.5
+    gauge_agreement_psi: float = 0.25
+
+    @property
+    def zero_within_psi(self) -> float:
+        """How far from 0 a gauge may read where the pressure must be 0: by as much the truth is off elsewhere."""
+        return min(self.hold_tolerance_psi, UNINFLATED_PSI)
+
+    def for_zero(self, zero_psi: float) -> "Limits":
+        """The limits on readings of a gauge that reads `zero_psi` at 0, such that they hold for the true pressure.
+
+        A gauge that reads too little brings each of them down by as much; one that reads too much raises none.
+        """
+        low_psi = max(0.0, -zero_psi)
+        if low_psi <= ZERO_UNSURE_PSI:
+            return self
+        return replace(
+            self,
+            max_pressure_psi=self.max_pressure_psi - low_psi,
+            warn_pressure_psi=self.warn_pressure_psi - low_psi,
+            trip_pressure_psi=self.trip_pressure_psi - low_psi,
+        )
 
     def check_pressure(self, pressure_psi: float, source: str) -> None:
         """Refuse a pressure to hold that this rig must not go to; `source` names the rig's file.
@@ -142,7 +183,10 @@ class MeasurementConfig:
 
 @dataclass(frozen=True)
 class RigConfig:
-    """One rig. `speed` is how fast its time runs against the wall's: 1 for real instruments, always."""
+    """One rig. `speed` is how fast its time runs against the wall's: 1 for real instruments, always.
+
+    `gauge` is a second gauge, None where there is none.
+    """
 
     name: str
     source: str
@@ -153,3 +197,4 @@ class RigConfig:
     markers: MarkersConfig
     limits: Limits
     measurement: MeasurementConfig
+    gauge: GaugeConfig | None = None

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationInfo, fiel
 from labctl.config.quantity import DURATION, FREQUENCY, LENGTH, PRESSURE, PRESSURE_RATE
 from labctl.config.rig import (
     Axis,
+    GaugeConfig,
     Limits,
     MarkerPoint,
     MarkersConfig,
@@ -30,6 +31,11 @@ LONGEST_EXCHANGE_S = 1.0
 LONGEST_TIMEOUT_S = 10.0
 # Above this a sheet is not empty.
 HIGHEST_SAFE_PSI = 0.5
+# A gauge that is further off is broken, or shows a pressure that is there.
+HIGHEST_TARE_PSI = 1.0
+# Two gauges differ by their last digits and by what flows between their readings; by more than the higher one, the
+# second is no witness.
+LOWEST_AGREEMENT_PSI, HIGHEST_AGREEMENT_PSI = 0.05, 1.0
 # What a marker feed holds at 960 Hz.
 LONGEST_CAPTURE_S = 60.0
 LONGEST_STALE_S = 2.0
@@ -94,6 +100,34 @@ class RegulatorSection(Section):
             name=self.name,
             driver=self.driver,
             model=self.model,
+            port=self.port or "",
+            baudrate=self.baudrate,
+            unit_id=self.unit_id,
+            device_id=self.device_id,
+            pressure_unit=self.pressure_unit,
+            timeout_s=self.timeout,
+        )
+
+
+class GaugeSection(Section):
+    """[gauge], where there is a second one."""
+
+    name: Name = "second gauge"
+    driver: Annotated[
+        Literal["alicat-ascii", "alicat-modbus"], PlainValidator(OneOf(("alicat-ascii", "alicat-modbus")))
+    ]
+    port: Port | None = None
+    baudrate: Baudrate = 19200
+    unit_id: Annotated[str, PlainValidator(Text("one letter from A to Z", "[A-Z]"))] = "A"
+    device_id: DeviceId = 1
+    pressure_unit: Annotated[PressureUnit, PlainValidator(OneOf(("psi", "kPa", "bar", "mbar")))]
+    timeout: Exchange = 0.5
+
+    def config(self) -> GaugeConfig:
+        """The second gauge as the rest of the program knows it."""
+        return GaugeConfig(
+            name=self.name,
+            driver=self.driver,
             port=self.port or "",
             baudrate=self.baudrate,
             unit_id=self.unit_id,
@@ -213,6 +247,12 @@ class LimitsSection(Section):
     )
     follow_within: Pressure = Limits.follow_within_psi
     follow_timeout: Duration = Limits.follow_timeout_s
+    tare_within: Annotated[
+        float, PlainValidator(Quantity(PRESSURE, Range(0, HIGHEST_TARE_PSI, above_low=True)))
+    ] = Limits.tare_within_psi
+    gauge_agreement: Annotated[
+        float, PlainValidator(Quantity(PRESSURE, Range(LOWEST_AGREEMENT_PSI, HIGHEST_AGREEMENT_PSI)))
+    ] = Limits.gauge_agreement_psi
 
     @field_validator("warn_pressure", "trip_pressure")
     @classmethod
@@ -243,6 +283,8 @@ class LimitsSection(Section):
             vent_timeout_s=self.vent_timeout,
             follow_within_psi=self.follow_within,
             follow_timeout_s=self.follow_timeout,
+            tare_within_psi=self.tare_within,
+            gauge_agreement_psi=self.gauge_agreement,
         )
 
 
@@ -291,6 +333,7 @@ class RigFile(Section):
     regulator: RegulatorSection
     valves: ValvesSection
     markers: MarkersSection
+    gauge: GaugeSection | None = None
     limits: LimitsSection = LimitsSection()
     measurement: MeasurementSection = MeasurementSection()
 
@@ -326,4 +369,5 @@ class RigFile(Section):
             markers=self.markers.config(),
             limits=self.limits.config(),
             measurement=self.measurement.config(len(self.markers.points)),
+            gauge=None if self.gauge is None else self.gauge.config(),
         )

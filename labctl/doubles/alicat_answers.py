@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from labctl.doubles.alicat_variants import Unit, Variant
-from labctl.doubles.plant import Plant
+from labctl.doubles.plant import Pneumatics
 
 GAUGE, GAUGE_SETPOINT = 6, 38
 _REGISTER_CONTROL_POINT, _REGISTER_STREAM_MS = 122, 91
@@ -50,7 +50,7 @@ class AlicatAnswers:
     """
 
     def __init__(
-        self, plant: Plant, variant: Variant, settings: DeviceSettings, unit: Callable[[], Unit]
+        self, plant: Pneumatics, variant: Variant, settings: DeviceSettings, unit: Callable[[], Unit]
     ) -> None:
         self._plant = plant
         self._unit_now = unit

@@ -14,7 +14,7 @@ from labctl.doubles.alicat_tables import layout_table, manufacturing_table
 from labctl.doubles.alicat_variants import BARG, NEWEST, PSIG, VARIANTS, FirmwareName, Unit
 from labctl.doubles.chamber import Mode
 from labctl.doubles.faults import FaultPanel
-from labctl.doubles.plant import Plant
+from labctl.doubles.plant import Pneumatics
 
 STREAMING_ID = "@"
 #: The legacy integer setpoint that means full scale.
@@ -36,7 +36,7 @@ class AlicatAscii:
 
     def __init__(
         self,
-        plant: Plant,
+        plant: Pneumatics,
         faults: FaultPanel,
         clock: Clock,
         unit_id: str = "A",

@@ -22,6 +22,18 @@ class Mode(Enum):
 
 
 @dataclass(frozen=True)
+class SensorError:
+    """How a gauge is off: it reads `gain` times the pressure, plus `offset_psi`, plus `drift_psi_per_s` a second."""
+
+    offset_psi: float = 0.0
+    drift_psi_per_s: float = 0.0
+    gain: float = 1.0
+
+
+NO_ERROR = SensorError()
+
+
+@dataclass(frozen=True)
 class ChamberSettings:
     """How the chamber fills and empties.
 
@@ -48,8 +60,8 @@ class ChamberSettings:
 class Chamber:
     """One volume behind one regulator; gauge pressures in psi.
 
-    `single_valve` is a regulator without an exhaust valve: it comes down by the bleed alone. `tare_psi` is
-    the true pressure that the sensor calls zero.
+    `single_valve` is a regulator without an exhaust valve: it comes down by the bleed alone. `tare_psi` is what the
+    sensor shows, before its tare, where it reads zero.
     """
 
     def __init__(self, settings: ChamberSettings, single_valve: bool, rng: np.random.Generator) -> None:
@@ -61,6 +73,7 @@ class Chamber:
         self.tare_psi = 0.0
         self.measured_psi = 0.0
         self._rng = rng
+        self._drifted_psi = 0.0
         self._reference_psi = 0.0
         self._rate_psi_per_s = 0.0
 
@@ -72,17 +85,20 @@ class Chamber:
         inlet_stuck: bool = False,
         exhaust_stuck: bool = False,
         sensor: Sensor = "true",
+        error: SensorError = NO_ERROR,
     ) -> None:
         """Advance by `dt_s`.
 
         `inlet_stuck` is an inlet stuck open, `exhaust_stuck` an exhaust valve stuck shut. A `sensor` that reads
-        too little, for good ("frozen") or by far ("low"), makes the controller open its inlet.
+        too little, for good ("frozen") or by far ("low"), makes the controller open its inlet. By one that is off by
+        `error` it controls as by a true one.
         """
+        self._drifted_psi += error.drift_psi_per_s * dt_s
         if sensor != "true" and self.mode is Mode.CONTROL:
             inlet_stuck = inlet_stuck or self.setpoint_psi > self.measured_psi + _SENSOR_SLACK_PSI
         venting = self.mode is Mode.EXHAUST and not exhaust_stuck
         if self.mode is Mode.CONTROL and not inlet_stuck:
-            self._control(dt_s, dump_open)
+            self._control(dt_s, dump_open, error)
         else:
             self._rest()
         if inlet_stuck and not venting:
@@ -91,13 +107,22 @@ class Chamber:
         self._lose(dt_s, venting, dump_open)
         noise = self.settings.noise_psi * self._rng.standard_normal()
         if sensor == "true":
-            self.measured_psi = self.pressure_psi - self.tare_psi + noise
+            self.measured_psi = self._shown_psi(error) - self.tare_psi + noise
         elif sensor == "low":
             self.measured_psi = _LOW_SENSOR_PSI + noise
 
-    def _control(self, dt_s: float, dump_open: bool) -> None:
+    def tare(self, error: SensorError = NO_ERROR) -> None:
+        """Call what the sensor shows zero, whatever the pressure is."""
+        self.tare_psi = self._shown_psi(error)
+
+    def _shown_psi(self, error: SensorError) -> float:
+        return error.gain * self.pressure_psi + error.offset_psi + self._drifted_psi
+
+    def _control(self, dt_s: float, dump_open: bool, gauge: SensorError) -> None:
         s = self.settings
-        target = max(0.0, self.setpoint_psi + self.tare_psi)
+        # The pressure at which the sensor reads the setpoint.
+        off_psi = self.tare_psi - gauge.offset_psi - self._drifted_psi
+        target = max(0.0, (self.setpoint_psi + off_psi) / gauge.gain)
         move = s.ramp_psi_per_s * dt_s
         self._reference_psi += min(max(target - self._reference_psi, -move), move)
         if dump_open:

@@ -9,8 +9,14 @@ from typing import Literal
 from labctl.clock import Clock
 from labctl.errors import BadInput
 
-Instrument = Literal["regulator", "valves", "markers"]
-Argument = Literal["", "seconds", "psi", "psi_per_s", "count", "channel"]
+Instrument = Literal["regulator", "valves", "markers", "gauge"]
+Argument = Literal[
+    "", "seconds", "psi", "count", "channel", "offset_psi", "psi_per_s", "rate_psi_per_s", "factor"
+]
+
+# Those that may be negative.
+_SIGNED = frozenset({"offset_psi", "psi_per_s"})
+_WHOLE = frozenset({"count", "channel"})
 
 _ANY_REPLY: dict[str, Argument] = {
     "silent": "",
@@ -38,7 +44,7 @@ _ANY_LINE: dict[str, Argument] = {
 }
 
 _ASCII: dict[str, Argument] = {
-    "own-ramp": "psi_per_s",
+    "own-ramp": "rate_psi_per_s",
     "silent-version": "",
     "no-blank": "",
     "second-sensor": "",
@@ -48,17 +54,25 @@ _ASCII: dict[str, Argument] = {
 #: Faults that only a regulator on ASCII can have.
 ASCII_ONLY = frozenset(_ASCII)
 
+# A pressure sensor's own.
+_SENSOR: dict[str, Argument] = {
+    "offset": "offset_psi",
+    "drift": "psi_per_s",
+    "gain": "factor",
+    "frozen-sensor": "",
+}
+
 #: Per instrument the kinds of fault and the argument that each takes ("" for none).
 ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
     {
         "regulator": MappingProxyType(
             {
                 **_ANY_LINE,
+                **_SENSOR,
                 "stuck-setpoint": "",
                 "ignored-setpoint": "",
                 "stuck-exhaust": "",
                 "overpressure": "",
-                "frozen-sensor": "",
                 "low-sensor": "",
                 "swapped-words": "",
                 "swapped-bytes": "",
@@ -81,6 +95,7 @@ ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
             }
         ),
         "markers": MappingProxyType({**_ANY_REPLY, "blind": ""}),
+        "gauge": MappingProxyType({**_ANY_REPLY, **_SENSOR, "wrong-address": ""}),
     }
 )
 
@@ -107,6 +122,8 @@ class Fault:
     On ASCII (`ASCII_ONLY`): `own-ramp` (it ramps its own setpoint, `value` psi/s); `silent-version` (no answer to
     `VE`); `no-blank` (none between its id and the first number); `second-sensor` (it reports P2O); `streaming`,
     `half-line` (it is found streaming, or with half a line that another program did not end).
+    Regulator and second gauge: `offset` (reads `value` psi too much, too little where negative), `drift` (`value`
+    psi more with each second from then on), `gain` (reads `value` times the pressure), `frozen-sensor`.
     Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only);
     `bytes-reversed` (function 01 answers its data bytes last first), `write-bytes-reversed` (function 0F takes them
     so). Not answered: coil 0x00FF (`no-all-coil`); function 0F (`no-multiple-write`); both, and 01 for more than one
@@ -129,10 +146,16 @@ class Faults:
     regulator: tuple[Fault, ...] = field(default=())
     valves: tuple[Fault, ...] = field(default=())
     markers: tuple[Fault, ...] = field(default=())
+    gauge: tuple[Fault, ...] = field(default=())
 
     def of(self, instrument: Instrument) -> tuple[Fault, ...]:
         """The faults of one instrument."""
-        return {"regulator": self.regulator, "valves": self.valves, "markers": self.markers}[instrument]
+        return {
+            "regulator": self.regulator,
+            "valves": self.valves,
+            "markers": self.markers,
+            "gauge": self.gauge,
+        }[instrument]
 
 
 def parse_faults(texts: Iterable[str]) -> Faults:
@@ -154,6 +177,8 @@ def parse_faults(texts: Iterable[str]) -> Faults:
             faults = replace(faults, regulator=(*faults.regulator, fault))
         elif instrument == "valves":
             faults = replace(faults, valves=(*faults.valves, fault))
+        elif instrument == "gauge":
+            faults = replace(faults, gauge=(*faults.gauge, fault))
         else:
             faults = replace(faults, markers=(*faults.markers, fault))
     return faults
@@ -190,11 +215,12 @@ def _number(text: str, what: Argument, value_text: str) -> float:
         value = float(value_text)
     except ValueError:
         value = math.nan
-    lowest = 1.0 if what == "channel" else 0.0
-    whole = what in ("seconds", "psi", "psi_per_s") or value.is_integer()
+    lowest = -math.inf if what in _SIGNED else {"channel": 1.0, "factor": 0.1}.get(what, 0.0)
+    whole = what not in _WHOLE or value.is_integer()
     if not math.isfinite(value) or value < lowest or not whole:
-        kind = "a number" if what in ("seconds", "psi", "psi_per_s") else "a whole number"
-        raise BadInput(f"fault {text!r}: {what} is {value_text!r}; it must be {kind} of at least {lowest:g}")
+        kind = "a whole number" if what in _WHOLE else "a number"
+        least = "" if what in _SIGNED else f" of at least {lowest:g}"
+        raise BadInput(f"fault {text!r}: {what} is {value_text!r}; it must be {kind}{least}")
     return value
 
 

@@ -3,13 +3,14 @@
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labctl.clock import Clock
 from labctl.config.design import Design
-from labctl.doubles.chamber import Chamber, ChamberSettings, Mode, Sensor
+from labctl.doubles.chamber import Chamber, ChamberSettings, Mode, Sensor, SensorError
 from labctl.doubles.faults import FaultPanel
 from labctl.doubles.relays import SWITCHING_DELAY_S, Relays
 from labctl.doubles.sheet import Relaxation, RelaxingSheet, ShapeSource
@@ -59,6 +60,46 @@ class PlantState:
     def holding(self) -> bool:
         """The regulator was commanded to hold its valves."""
         return self.mode in (Mode.HOLD_CLOSED, Mode.HOLD_CURRENT)
+
+
+def sensor_error(faults: FaultPanel) -> SensorError:
+    """How a gauge with these faults is off now."""
+    offset, drift, gain = (faults.active(kind) for kind in ("offset", "drift", "gain"))
+    return SensorError(
+        offset_psi=offset.value if offset else 0.0,
+        drift_psi_per_s=drift.value if drift else 0.0,
+        gain=gain.value if gain else 1.0,
+    )
+
+
+class Pneumatics(Protocol):
+    """What a pressure device stands on: the plant, or a gauge that is only tapped into it."""
+
+    @property
+    def settings(self) -> PlantSettings:
+        """What the plant is built of."""
+        ...
+
+    @property
+    def full_scale_psi(self) -> float:
+        """The device's range."""
+        ...
+
+    def state(self) -> PlantState:
+        """The state now."""
+        ...
+
+    def write_setpoint(self, setpoint_psi: float, ramp_psi_per_s: float = 0.0) -> None:
+        """Take over a setpoint, at once or by the device's own ramp."""
+        ...
+
+    def switch_mode(self, mode: Mode) -> None:
+        """Hold, exhaust or control."""
+        ...
+
+    def tare(self) -> None:
+        """Call the present pressure zero, whatever it is."""
+        ...
 
 
 class Plant:
@@ -151,7 +192,7 @@ class Plant:
         """Call the present pressure zero, whatever it is."""
         with self._lock:
             self._catch_up()
-            self._chamber.tare_psi = self._chamber.pressure_psi
+            self._chamber.tare(sensor_error(self._faults))
 
     def write_coils(self, coils: Mapping[int, bool]) -> None:
         """Switch channels (1..channels), all in the same moment."""
@@ -182,6 +223,7 @@ class Plant:
             inlet_stuck=self._faults.active("overpressure") is not None,
             exhaust_stuck=self._faults.active("stuck-exhaust") is not None,
             sensor=self._sensor(),
+            error=sensor_error(self._faults),
         )
         self.highest_psi = max(self.highest_psi, self._chamber.pressure_psi)
         strain = self._design.sheet.strain_at(self._chamber.pressure_psi)

@@ -45,6 +45,11 @@ class Doubles:
                 "regulator", self._rig.regulator_line(), faults["regulator"], self.clock
             )
             opened.callback(self._regulator.close)
+            self._gauge = None
+            gauge_line = self._rig.gauge_line()
+            if gauge_line is not None:
+                self._gauge = serve_pty("gauge", gauge_line, faults["gauge"], self.clock)
+                opened.callback(self._gauge.close)
             if settings.valve_transport == "rtu":
                 self._valves = serve_pty("valves", self._rig.valves_line(), faults["valves"], self.clock)
             else:
@@ -69,6 +74,7 @@ class Doubles:
             self._valves.address,
             self._markers.host,
             self._markers.server_number,
+            None if self._gauge is None else self._gauge.address,
         )
 
     def inject(self, faults: Faults) -> None:

@@ -22,8 +22,9 @@ class DoublesSettings:
     """A simulated rig: its sheet, its instruments and what is wrong with them.
 
     `speed` is how fast its time runs against the wall's; `seed` draws all noise (the reality gap has a seed
-    of its own). `regulator_firmware` is that of a regulator on ASCII. `dump_channel` is the relay of a normally-open
-    dump valve, None where there is none. `trace_path` takes the plant's truth as JSON lines.
+    of its own). `regulator_firmware` is that of a regulator on ASCII, `second_gauge` the protocol of a second gauge
+    on the chamber, None where there is none. `dump_channel` is the relay of a normally-open dump valve, None where
+    there is none. `trace_path` takes the plant's truth as JSON lines.
 
     Raises:
         BadInput: a speed that is not above 0, a channel that the relay board does not have, or a firmware or fault
@@ -43,6 +44,7 @@ class DoublesSettings:
     markers: MarkerSettings = field(default_factory=MarkerSettings)
     faults: Faults = field(default_factory=Faults)
     dump_channel: int | None = None
+    second_gauge: Literal["alicat-ascii", "alicat-modbus"] | None = None
     trace_path: Path | None = None
 
     def __post_init__(self) -> None:
@@ -51,6 +53,8 @@ class DoublesSettings:
         if self.relay_channels not in (8, 16, 32):
             raise BadInput(f"a relay board of {self.relay_channels} channels is not made: use 8, 16 or 32")
         self._check_regulator()
+        if self.faults.gauge and self.second_gauge is None:
+            raise BadInput("a fault of the second gauge needs one: add --second-gauge alicat-ascii")
         for fiber in self.design.fibers:
             self._check_channel(f"fiber {fiber.id} of design {self.design.name}", fiber.channel)
         if self.single_valve and self.dump_channel is None:

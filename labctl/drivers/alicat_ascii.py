@@ -218,6 +218,36 @@ class AlicatAscii:
             )
         return reading
 
+    def hold_closed(self, timeout_s: float | None = None) -> PressureReading:
+        """Shut the valves (`HC`) and read HLD back. This is no vent: what is in the sheet stays there.
+
+        Raises:
+            ReadBackMismatch: the device does not report HLD.
+            NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `read`; the valves may have shut.
+        """
+        reading = self._command("HC", lambda it: it.holding, self._deadline(timeout_s))
+        if not reading.holding:
+            raise ReadBackMismatch(
+                f"{self.name}: its valves were commanded shut and HLD was not read back (status "
+                f"{sorted(reading.status)}); check model and firmware"
+            )
+        return reading
+
+    def tare(self, timeout_s: float | None = None) -> PressureReading:
+        """Tare the gauge pressure (`P`; `TP` where that is not known); returns a reading from after it.
+
+        The manual of the PC series has `P`, the serial primer and the client alicatlib `TP`.
+
+        Raises:
+            InstrumentRefused: the device knows neither.
+            NoAnswer, GarbledReply, LinkDown: as `read`; the tare may have been done.
+        """
+        deadline = self._deadline(timeout_s)
+        self._bound(deadline)
+        if self._talk.optional(lambda part: self._frame(self._spelled("P"), part), deadline) is None:
+            self._frame(self._spelled("TP"), deadline)
+        return self._poll(deadline)
+
     def close(self) -> None:
         """Give the link back; may be called twice. The device keeps its setpoint."""
         self._link.close()

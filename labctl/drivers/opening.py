@@ -1,12 +1,12 @@
 """From configuration to drivers: the one place that knows which class a `driver = ...` line means."""
 
 from labctl.clock import Clock, Scheduler
-from labctl.config.rig import Limits, MarkersConfig, RegulatorConfig, ValvesConfig
+from labctl.config.rig import GaugeConfig, Limits, MarkersConfig, RegulatorConfig, ValvesConfig
 from labctl.drivers.alicat_ascii import AlicatAscii
 from labctl.drivers.alicat_modbus import AlicatModbus
 from labctl.drivers.phasespace import PhaseSpace
 from labctl.drivers.waveshare_relay import WaveshareRelay
-from labctl.instruments.interfaces import MarkerSource, PressureRegulator, ValveBank
+from labctl.instruments.interfaces import MarkerSource, PressureGauge, PressureRegulator, ValveBank
 from labctl.links.modbus_link import open_modbus_serial, open_modbus_tcp
 from labctl.links.serial_link import open_serial_link
 from labctl.links.wires import SYSTEM_WIRES, Wires
@@ -42,6 +42,28 @@ def open_regulator(
         name=config.name,
         timeout_s=config.timeout_s,
     )
+
+
+def open_gauge(
+    config: GaugeConfig, limits: Limits, clock: Scheduler, wires: Wires = SYSTEM_WIRES
+) -> PressureGauge:
+    """Open the second gauge's port; nothing is sent.
+
+    Raises:
+        LinkDown: the port is absent or in use.
+    """
+    as_regulator = RegulatorConfig(
+        name=config.name,
+        driver=config.driver,
+        model="PC",
+        port=config.port,
+        baudrate=config.baudrate,
+        unit_id=config.unit_id,
+        device_id=config.device_id,
+        pressure_unit=config.pressure_unit,
+        timeout_s=config.timeout_s,
+    )
+    return open_regulator(as_regulator, limits, clock, wires)
 
 
 def open_valves(config: ValvesConfig, clock: Scheduler, wires: Wires = SYSTEM_WIRES) -> ValveBank:

@@ -19,6 +19,8 @@ from labctl.rig.recorder import Recorder, errors_to_recorder
 from labctl.rig.trace import PressureTrace
 from labctl.safety.safe_state import SafeReport
 from labctl.safety.supervisor import Supervisor
+from labctl.safety.witness import Witness
+from labctl.safety.zero import zero_problem
 from labctl.stop import StopRequest
 
 _TICK_S = 0.05
@@ -31,7 +33,9 @@ _FEWEST_READINGS = 5
 class Rig:
     """An open rig. Use as a context manager: `with Rig(config, stop=..., notify=...) as rig:`.
 
-    Opening identifies all three instruments, starts the guard and the supervisor, and energises nothing.
+    Opening identifies all instruments, looks at the gauge's zero with the exhaust open, starts the guard and the
+    supervisor, and energises nothing. `zero_psi` is what the gauge reads at 0: where that is too little, every limit
+    on its readings is as much lower, so that it holds for the true pressure.
 
     Args:
         config: the rig's configuration.
@@ -76,15 +80,23 @@ class Rig:
             self._guard.stand_down()
             raise
         self.identities = self._instruments.identities
+        self.zero_psi = self._instruments.zero_psi
+        self._limits = config.limits.for_zero(self.zero_psi)
+        if self._limits != config.limits:
+            notify(
+                f"{config.regulator.name} reads {self.zero_psi:.2f} psi at 0: the limits on its readings are as much "
+                f"lower, so that they hold for the true pressure (trip at {self._limits.trip_pressure_psi:.2f} psi)"
+            )
         self._supervisor = Supervisor(
             self._instruments.regulator,
             self._instruments.valves,
-            config.limits,
+            self._limits,
             dump_channel=config.valves.dump_channel,
             scheduler=platform.scheduler,
             clock=self.clock,
             guard=self._guard,
             notify=notify,
+            witnesses=self._witnesses(),
         )
         self._supervisor.start()
 
@@ -144,17 +156,19 @@ class Rig:
         )
 
     def fall_below(self, pressure_psi: float) -> PressureReading:
-        """Wait until the pressure reads below `pressure_psi`.
+        """Wait until the pressure reads below `pressure_psi`, and not below 0 by more than a zero may be off.
 
         Raises:
             InstrumentError: it did not within `limits.vent_timeout_s`.
         """
-        end_s = self.clock.now_s() + self.config.limits.vent_timeout_s
-        while (reading := self.pressure()).gauge_psi >= pressure_psi:
+        limits = self.config.limits
+        end_s = self.clock.now_s() + limits.vent_timeout_s
+        while not -limits.zero_within_psi <= (reading := self.pressure()).gauge_psi < pressure_psi:
             if self.clock.now_s() > end_s:
+                problem = zero_problem(reading.gauge_psi, limits)
                 raise InstrumentError(
                     f"{self.config.regulator.name}: {reading.gauge_psi:.2f} psi are left; the uninflated sheet is "
-                    f"measured below {pressure_psi:g} psi; tare the regulator or look for a blocked exhaust"
+                    f"measured below {pressure_psi:g} psi" + ("" if problem is None else f": {problem}")
                 )
         return reading
 
@@ -179,7 +193,12 @@ class Rig:
             self._supervisor.expect(setpoint_psi=reading.setpoint_psi, mode="control")
 
     def write_setpoint(self, setpoint_psi: float) -> PressureReading:
-        """Write a setpoint and read it back."""
+        """Write a setpoint and read it back.
+
+        Raises:
+            InstrumentError: the true pressure would be above `limits.max_pressure_psi`, by the gauge's zero.
+        """
+        self._require_true(setpoint_psi)
         with self._supervisor.energising(self.check):
             reading = self._instruments.regulator.write_setpoint(setpoint_psi)
             # As read back, in the device's own decimals: every later reading will have the same.
@@ -189,7 +208,12 @@ class Rig:
     def ramp_to(
         self, pressure_psi: float, watch: Callable[[PressureReading], None], from_psi: float = 0.0
     ) -> None:
-        """Raise the setpoint from `from_psi` to `pressure_psi` at the rig's ramp rate; `watch` sees each reading."""
+        """Raise the setpoint from `from_psi` to `pressure_psi` at the rig's ramp rate; `watch` sees each reading.
+
+        Raises:
+            InstrumentError: as `write_setpoint`, before the first step.
+        """
+        self._require_true(pressure_psi)
         start_s = self.clock.now_s()
         reached = False
         while not reached:
@@ -286,11 +310,30 @@ class Rig:
         self._closed = True
         self._supervisor.stop()
         self._instruments.close(self._notify)
-        if report.safe:
+        # Where only the gauge's zero is off, the guard could do no more, and would keep the port from a tare.
+        if report.safe or report.only_zero_is_off:
             self._guard.stand_down()
         else:
             self._guard.release()
         return report
+
+    def _witnesses(self) -> tuple[Witness, ...]:
+        """Who may contradict the regulator's gauge, at work from here on."""
+        second = self._instruments.second_gauge
+        if second is None:
+            return ()
+        second.start()
+        return (second,)
+
+    def _require_true(self, setpoint_psi: float) -> None:
+        """Refuse a setpoint by which this gauge, as its zero reads, would let the sheet go above the limit."""
+        limits, zero_psi = self.config.limits, self.zero_psi
+        if setpoint_psi > self._limits.max_pressure_psi:
+            raise InstrumentError(
+                f"{self.config.regulator.name} reads {zero_psi:.2f} psi at 0, so that {setpoint_psi:g} psi on it are "
+                f"{setpoint_psi - zero_psi:.2f} psi in the sheet, above limits.max_pressure = "
+                f"{limits.max_pressure_psi:g} psi; tare the gauge (labctl tare --rig FILE), or hold less"
+            )
 
     def _require_flow(self, frames: int, seconds: float) -> None:
         """Refuse a window of a stream that stalled: few samples are not a short measurement."""

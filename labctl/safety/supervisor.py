@@ -12,7 +12,7 @@ rig: a hang anywhere in between is the guard's to end.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 
@@ -31,6 +31,7 @@ from labctl.safety.trip_rules import (
     regulator_reason,
     valves_reason,
 )
+from labctl.safety.witness import Witness
 
 POLL_PERIOD_S = 0.05
 REVENT_PERIOD_S = 2.0
@@ -61,6 +62,7 @@ class Supervisor:
         scheduler: the wall's clock, and its threads.
         clock: the rig's clock, by which samples are stamped and a vent is timed.
         guard: the guard, which must live and is beaten here.
+        witnesses: who else may contradict a pressure reading.
         notify: receives one line of text for each warning and trip; must not wait for anybody.
     """
 
@@ -75,6 +77,7 @@ class Supervisor:
         clock: Clock,
         guard: Guard,
         notify: Callable[[str], None],
+        witnesses: Sequence[Witness] = (),
     ) -> None:
         self._regulator = regulator
         self._valves = valves
@@ -84,6 +87,7 @@ class Supervisor:
         self._clock = clock
         self._guard = guard
         self._notify = notify
+        self._witnesses = tuple(witnesses)
         # Held while an instrument is written to, until `expect` has what must now be read: no poll falls between.
         self._bus: Lock = scheduler.lock()
         self._thread: Thread | None = None
@@ -257,7 +261,8 @@ class Supervisor:
             self._last_error = str(error)
             return None
         self._latest = Sample(reading, self._scheduler.now_s())
-        self._forward(PressureSample(reading, asked_s, self._clock.now_s()))
+        sample = PressureSample(reading, asked_s, self._clock.now_s())
+        self._forward(sample)
         reason = pressure_reason(reading, self._limits)
         if reason is not None:
             return reason
@@ -265,7 +270,16 @@ class Supervisor:
         expected = self._expected
         if expected is None:
             return None
-        return regulator_reason(reading, expected) or self._judge_lag(reading, expected)
+        return (
+            regulator_reason(reading, expected)
+            or self._judge_lag(reading, expected)
+            or self._hear_witnesses(sample, expected)
+        )
+
+    def _hear_witnesses(self, sample: PressureSample, expected: Expected) -> str | None:
+        """What contradicts the reading; each is heard, so that it has seen the whole inflation."""
+        reasons = [witness.judge(sample, expected) for witness in self._witnesses]
+        return next((reason for reason in reasons if reason is not None), None)
 
     def _poll_valves(self) -> str | None:
         expected = self._expected

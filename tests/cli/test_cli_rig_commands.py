@@ -62,7 +62,7 @@ def test_the_doctor_finds_every_instrument_and_energises_nothing(lab):
     answering = {found["subject"] for found in result["findings"] if found["verdict"] == "ok"}
     assert answering >= {"regulator A", "valve bank", "marker stream", "guard process", "setpoint source"}
     missing = {found["subject"] for found in result["findings"] if found["verdict"] == "missing"}
-    assert missing == {"dump valve", "valve board watchdog"}
+    assert missing == {"dump valve", "valve board watchdog", "second gauge"}
     lab.assert_untouched()
 
 

@@ -347,3 +347,28 @@ def test_a_torn_table_leaves_nothing_bound(lines):
 def test_a_unit_id_is_one_letter(lines, unit_id):
     with pytest.raises(BadInput, match="one letter"):
         regulator(lines(), unit_id=unit_id)
+
+
+def test_tare_is_a_command_and_a_reading_from_after_it(lines):
+    device = regulator(lines(TABLE, (b"AP\r", b"A +000.40 +000.00 EXH"), (b"A\r", b"A +000.00 +000.00 EXH")))
+    assert device.tare().gauge_psi == 0
+
+
+@pytest.mark.parametrize("reply", [b"?", None])
+def test_a_device_that_does_not_know_p_is_tared_by_tp(lines, reply):
+    tared = b"A +000.00 +000.00 EXH"
+    device = regulator(lines(TABLE, (b"AP\r", reply), (b"ATP\r", tared), (b"A\r", tared)))
+    assert device.tare().gauge_psi == 0
+
+
+def test_a_device_that_knows_neither_says_so(lines):
+    with pytest.raises(InstrumentRefused, match="does not know 'ATP'"):
+        regulator(lines(TABLE, (b"AP\r", b"?"), (b"ATP\r", b"?"))).tare()
+
+
+def test_hold_closed_is_read_back(lines):
+    held = b"A +003.90 +003.90 HLD"
+    assert regulator(lines(TABLE, (b"AHC\r", held))).hold_closed().holding
+
+    with pytest.raises(ReadBackMismatch, match="HLD was not read back"):
+        regulator(lines(TABLE, (b"AHC\r", POLL[1]), POLL, POLL)).hold_closed()
