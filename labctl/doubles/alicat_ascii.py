@@ -108,6 +108,7 @@ class AlicatAscii:
         return self._obey(command)
 
     def _obey(self, command: str) -> str | None:
+        self._find_ramp()
         actions: dict[str, Callable[[], str | None]] = {
             "HP": lambda: self._switch(Mode.HOLD_CURRENT),
             "HC": lambda: self._switch(Mode.HOLD_CLOSED),
@@ -195,13 +196,15 @@ class AlicatAscii:
         if self._setpoint_source_now() == "A" or self._faults.active("stuck-setpoint"):
             return
         ramps = self._settings.ramps(setpoint_psi, self._plant.state().setpoint_psi)
-        self._plant.write_setpoint(setpoint_psi, self._ramp_psi_per_s() if ramps else 0.0)
+        self._plant.write_setpoint(
+            setpoint_psi, self._settings.ramp_per_s * self._unit().psi if ramps else 0.0
+        )
 
-    def _ramp_psi_per_s(self) -> float:
+    def _find_ramp(self) -> None:
+        """Take over the ramp that the device is found with."""
         fault = self._faults.active("own-ramp")
         if fault is not None and self._left("own-ramp"):
             self._settings.ramp, self._settings.ramp_unit = fault.value / self._unit().psi, 4
-        return self._settings.ramp_per_s * self._unit().psi
 
     def _loop_setpoint(self, text: str) -> str | None:
         if not self._variant.knows((9, 0)) or (text and not self._take_setpoint(text)):
