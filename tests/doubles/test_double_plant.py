@@ -108,10 +108,9 @@ def test_tare_under_pressure_shifts_what_the_regulator_believes(plant_of, clock)
     [("offset:0.4", 1.6, 0.4), ("offset:-0.4", 2.4, -0.4), ("gain:0.8", 2.5, 0.0), ("drift:-0.1", 3.0, -1.0)],
 )
 def test_a_gauge_that_is_off_reads_its_setpoint_at_another_pressure(
-    plant_of, panel, clock, word, true_psi, rest_psi
+    plant_of, clock, word, true_psi, rest_psi
 ):
-    panel.switch(parse_faults([f"regulator={word}"]).regulator)
-    plant = plant_of()
+    plant = plant_of(faults=[f"regulator={word}"])
     plant.write_setpoint(2.0)
     clock.sleep(10)
     assert plant.state().pressure_psi == pytest.approx(true_psi, abs=0.1)
