@@ -40,6 +40,14 @@ def doubles() -> None:
     help="Protocol of the regulator.",
 )
 @click.option(
+    "--regulator-firmware",
+    "firmware",
+    type=click.Choice(["5v12", "6v21", "7v09", "8v17", "8v30", "9v00", "10v05", "10v20", "gp"]),
+    default="10v20",
+    show_default=True,
+    help="Firmware of the regulator on ASCII: how it shows its numbers and what it knows.",
+)
+@click.option(
     "--valves",
     "transport",
     type=click.Choice(["rtu", "tcp"]),
@@ -130,6 +138,7 @@ def doubles() -> None:
 def serve(
     out_path: Path,
     regulator: str,
+    firmware: str,
     transport: str,
     serial: str,
     relay_channels: str,
@@ -164,6 +173,7 @@ def serve(
     settings = DoublesSettings(
         design=load_design(design_name),
         regulator=regulator,  # type: ignore[arg-type]  # click.Choice allows these names only
+        regulator_firmware=firmware,  # type: ignore[arg-type]  # likewise
         valve_transport=transport,  # type: ignore[arg-type]  # likewise
         serial=serial,  # type: ignore[arg-type]  # likewise
         relay_channels=int(relay_channels),  # type: ignore[arg-type]  # likewise

@@ -76,6 +76,17 @@ _REGULATOR = {
     "unknown-status-bit": FaultKind("Modbus: status bit 20, which the map does not have, is set"),
 }
 
+# Of a regulator on ASCII only.
+_ASCII = {
+    "own-ramp": FaultKind("the device ramps its own setpoint, by VALUE psi a second", "psi-per-second"),
+    "silent-version": FaultKind("VE is not answered"),
+    "no-blank": FaultKind("no blank between the device's id and the first number"),
+    "second-sensor": FaultKind("the status P2O is reported"),
+    "streaming": FaultKind("the device is found streaming"),
+    "half-line": FaultKind("the device is found with half a line that another program did not end"),
+}
+ASCII_ONLY = frozenset(_ASCII)
+
 _VALVES = {
     "stuck-coils": FaultKind("writes are acknowledged, no coil moves"),
     "stuck-coil": FaultKind("writes are acknowledged, channel VALUE does not move", "channel"),
@@ -108,7 +119,7 @@ _MARKERS = {
 #: Per instrument its kinds of fault.
 KINDS: Mapping[Instrument, Mapping[str, FaultKind]] = MappingProxyType(
     {
-        "regulator": MappingProxyType({**_ANY_LINE, **_OBEYS, **_SENSOR, **_REGULATOR}),
+        "regulator": MappingProxyType({**_ANY_LINE, **_OBEYS, **_SENSOR, **_REGULATOR, **_ASCII}),
         "gauge": MappingProxyType({**_ANY_LINE, **_SENSOR}),
         "valves": MappingProxyType({**_ANY_LINE, **_OBEYS, **_VALVES}),
         "markers": MappingProxyType({**_ANY_REPLY, **_MARKERS}),

@@ -142,10 +142,11 @@ class FaultPanel:
 
     def active(self, kind: str) -> Fault | None:
         """The fault of that kind if it is there and has begun."""
-        for fault in self._faults:
-            if fault.kind == kind and self._begun(fault):
-                return fault
-        return None
+        return next(iter(self.all_active(kind)), None)
+
+    def all_active(self, kind: str) -> tuple[Fault, ...]:
+        """The faults of that kind that have begun."""
+        return tuple(fault for fault in self._faults if fault.kind == kind and self._begun(fault))
 
     def _begun(self, fault: Fault) -> bool:
         return self._clock.now_s() - self._origin_s >= fault.from_s and self._highest_psi() >= fault.from_psi

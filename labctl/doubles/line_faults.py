@@ -49,7 +49,7 @@ class LineFaults:
         self._answered = 0
         self._rebooted: Fault | None = None
         self._up_s = clock.now_s()
-        self._delayed: Fault | None = None
+        self._delayed: list[Fault] = []
         self._kept: bytes | None = None
         self._answer: bytes | None = None
         self.dead = False
@@ -118,11 +118,12 @@ class LineFaults:
             return Delivery(due_s + self._delay_s(), reply)
 
     def _delay_s(self) -> float:
-        late, once = self.panel.active("late"), self.panel.active("late-once")
+        late = self.panel.active("late")
         delay_s = late.value if late else 0.0
-        if once is not self._delayed:
-            self._delayed = once
-            delay_s += once.value if once else 0.0
+        for once in self.panel.all_active("late-once"):
+            if not any(once is spent for spent in self._delayed):
+                self._delayed.append(once)
+                return delay_s + once.value
         return delay_s
 
     def _shifted(self, data: bytes) -> bytes:

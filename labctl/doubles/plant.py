@@ -37,14 +37,16 @@ class PlantSettings:
 class PlantState:
     """The truth at one moment, and what the pressure sensor makes of it.
 
-    `time_s` counts from the plant's start. `coils` are the channels that are on, `jammed` the ids of the
-    fibers under vacuum. `points_mm` (n, 3) are the marked points in the sheet frame.
+    `time_s` counts from the plant's start. `requested_psi` is the setpoint that the regulator was given,
+    `setpoint_psi` the one that it controls to; they differ while it ramps its own. `coils` are the channels that are
+    on, `jammed` the ids of the fibers under vacuum. `points_mm` (n, 3) are the marked points in the sheet frame.
     """
 
     time_s: float
     pressure_psi: float
     measured_psi: float
     setpoint_psi: float
+    requested_psi: float
     mode: Mode
     coils: frozenset[int]
     jammed: frozenset[str]
@@ -88,8 +90,8 @@ class Pneumatics(Protocol):
         """The state now."""
         ...
 
-    def write_setpoint(self, setpoint_psi: float) -> None:
-        """Take over a setpoint."""
+    def write_setpoint(self, setpoint_psi: float, ramp_psi_per_s: float = 0.0) -> None:
+        """Take over a setpoint, at once or by the device's own ramp."""
         ...
 
     def switch_mode(self, mode: Mode) -> None:
@@ -129,6 +131,8 @@ class Plant:
         self._relays = Relays(self.settings.channels, self.settings.switching_delay_s)
         self._sheet = RelaxingSheet(shapes, self.settings.relaxation)
         self._jammed: frozenset[str] = frozenset()
+        self._requested_psi = self._chamber.setpoint_psi
+        self._own_ramp_psi_per_s = 0.0
         self._origin_s = clock.now_s()
         self._steps = 0
         self.highest_psi = 0.0
@@ -159,11 +163,14 @@ class Plant:
             self._catch_up()
             return self._state()
 
-    def write_setpoint(self, setpoint_psi: float) -> None:
-        """Take over a setpoint; a hold or an exhaust stays as it is."""
+    def write_setpoint(self, setpoint_psi: float, ramp_psi_per_s: float = 0.0) -> None:
+        """Take over a setpoint, at once or by the regulator's own ramp; a hold or an exhaust stays as it is."""
         with self._lock:
             self._catch_up()
-            self._chamber.setpoint_psi = setpoint_psi
+            self._requested_psi = setpoint_psi
+            self._own_ramp_psi_per_s = ramp_psi_per_s
+            if ramp_psi_per_s == 0:
+                self._chamber.setpoint_psi = setpoint_psi
 
     def switch_mode(self, mode: Mode) -> None:
         """Hold, exhaust or control; the caller knows whether the regulator has an exhaust valve."""
@@ -175,7 +182,7 @@ class Plant:
         """What a regulator is at power-up: in control, its setpoint 0."""
         with self._lock:
             self._catch_up()
-            self._chamber.setpoint_psi = 0.0
+            self._requested_psi = self._chamber.setpoint_psi = 0.0
             self._chamber.mode = Mode.CONTROL
 
     def reset_relays(self) -> None:
@@ -209,6 +216,7 @@ class Plant:
         if self._relays.step(time_s):
             vacuum = self._relays.vacuum
             self._jammed = frozenset(fiber.id for fiber in self._design.fibers if fiber.channel in vacuum)
+        self._ramp_setpoint()
         dump = self.settings.dump_channel
         self._chamber.step(
             STEP_S,
@@ -226,6 +234,11 @@ class Plant:
         if self._observe is not None and self._steps % OBSERVED_EVERY == 0:
             self._observe(self._state())
 
+    def _ramp_setpoint(self) -> None:
+        left_psi = self._requested_psi - self._chamber.setpoint_psi
+        move_psi = self._own_ramp_psi_per_s * STEP_S
+        self._chamber.setpoint_psi += min(max(left_psi, -move_psi), move_psi)
+
     def _sensor(self) -> Sensor:
         return next((sensor for sensor in _SENSORS if self._faults.active(f"{sensor}-sensor")), "true")
 
@@ -235,6 +248,7 @@ class Plant:
             pressure_psi=self._chamber.pressure_psi,
             measured_psi=self._chamber.measured_psi,
             setpoint_psi=self._chamber.setpoint_psi,
+            requested_psi=self._requested_psi,
             mode=self._chamber.mode,
             coils=self._relays.on,
             jammed=self._jammed,

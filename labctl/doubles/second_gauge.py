@@ -53,11 +53,12 @@ class SecondGauge:
                 state,
                 measured_psi=self._shown_psi - self._tare_psi + noise_psi,
                 setpoint_psi=self._setpoint_psi,
+                requested_psi=self._setpoint_psi,
                 mode=self._mode,
             )
 
-    def write_setpoint(self, setpoint_psi: float) -> None:
-        """Keep a setpoint; its valves are shut."""
+    def write_setpoint(self, setpoint_psi: float, ramp_psi_per_s: float = 0.0) -> None:
+        """Keep a setpoint, at once: its valves are shut, so that nothing follows it."""
         self.writes += 1
         self._setpoint_psi = setpoint_psi
 

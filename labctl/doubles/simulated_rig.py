@@ -99,7 +99,9 @@ class SimulatedRig:
         """The regulator's end of its serial line."""
         panel = self.panels["regulator"]
         if self.settings.regulator == "alicat-ascii":
-            return AsciiLine(AlicatAscii(self.plant, panel, self.clock))
+            return AsciiLine(
+                AlicatAscii(self.plant, panel, self.clock, firmware=self.settings.regulator_firmware)
+            )
         return RtuLine(AlicatModbus(self.plant, panel))
 
     def gauge_line(self) -> Line | None:

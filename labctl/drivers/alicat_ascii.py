@@ -244,8 +244,8 @@ class AlicatAscii:
         """
         deadline = self._deadline(timeout_s)
         self._bound(deadline)
-        if self._optional(lambda part: self._frame("P", part), deadline) is None:
-            self._frame("TP", deadline)
+        if self._talk.optional(lambda part: self._frame(self._spelled("P"), part), deadline) is None:
+            self._frame(self._spelled("TP"), deadline)
         return self._poll(deadline)
 
     def close(self) -> None:

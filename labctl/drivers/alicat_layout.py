@@ -150,8 +150,10 @@ def _older_row(line: str, unit_id: str, number: int) -> _Row | None:
     low, high = _RANGE_END.fullmatch(row["low"]), _RANGE_END.fullmatch(row["high"])
     if row["type"] not in ("signed", "unsigned") or low is None or high is None:
         return _Row(statistic, line)
-    # The captured frame shows its "signed" setpoint without a sign, one character shorter.
-    sign: Sign = "either" if row["high"][0] in "+-" else "never"
+    sign: Sign = "always" if row["high"][0] in "+-" else "never"
+    if statistic == GAUGE_SETPOINT and sign == "always":
+        # The captured frame shows it without a sign, one character shorter, though its row has one.
+        sign = "either"
     return _Row(statistic, line, len(row["high"]), len(high["decimals"] or ""), row["label"], sign)
 
 
@@ -173,17 +175,25 @@ def _check_gauge(name: str, columns: list[_Row]) -> None:
 def _bind(name: str, columns: list[_Row], statistic: str, unit: PressureUnit) -> Column:
     index = next((place for place, row in enumerate(columns) if row.statistic == statistic), None)
     if index is None:
-        absolute = any(row.statistic in (ABSOLUTE_PRESSURE, ABSOLUTE_SETPOINT) for row in columns)
-        what = "absolute pressure" if absolute else "no pressure"
-        raise InstrumentRefused(
-            f"{name}: the data frame carries {what}, not gauge pressure and its setpoint (statistics 006 and "
-            "038); use a gauge controller, or set its data frame"
-        )
+        raise InstrumentRefused(f"{name}: {_what_is_missing(columns)}")
     row = columns[index]
     if row.width == 0:
         raise GarbledReply(f"{name}: the data frame table describes a number as {row.text!r}; ask again")
     _check_unit(name, row.label, unit)
     return Column(index, row.width, row.decimals, row.label, row.sign)
+
+
+def _what_is_missing(columns: list[_Row]) -> str:
+    there = {row.statistic for row in columns}
+    if GAUGE_PRESSURE in there and not there & {ABSOLUTE_SETPOINT, GAUGE_SETPOINT}:
+        return (
+            "the data frame carries gauge pressure and no setpoint of it (statistic 038): it is no controller"
+        )
+    what = "absolute pressure" if there & {ABSOLUTE_PRESSURE, ABSOLUTE_SETPOINT} else "no pressure"
+    return (
+        f"the data frame carries {what}, not gauge pressure and its setpoint (statistics 006 and "
+        "038); use a gauge controller, or set its data frame"
+    )
 
 
 def _check_unit(name: str, label: str, unit: PressureUnit) -> None:

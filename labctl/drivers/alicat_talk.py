@@ -36,7 +36,8 @@ class AlicatTalk:
     def ask_lines(self, command: str, deadline: Deadline) -> list[str]:
         """The reply of several lines."""
         replies = self._link.exchange_lines(request_line(self._unit_id, command), deadline, IDLE_S)
-        return [self._checked(command, reply) for reply in replies]
+        # Some tables end with an empty line.
+        return [self._checked(command, reply) for reply in replies if reply.strip()]
 
     def optional(self, ask: Callable[[Deadline], T], deadline: Deadline) -> T | None:
         """The answer to what some firmware refuses or leaves unanswered; None then.
