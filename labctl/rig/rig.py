@@ -11,11 +11,12 @@ from types import TracebackType
 
 from labctl.clock import Clock, rig_clock
 from labctl.config.rig import RigConfig
-from labctl.errors import InstrumentError, Unsafe
+from labctl.errors import InstrumentError, Stopped, Unsafe
 from labctl.instruments.readings import MarkerFrames, PressureReading, in_band
 from labctl.rig.instruments import RigInstruments
 from labctl.rig.platform import SYSTEM, Platform
 from labctl.rig.recorder import Recorder, errors_to_recorder
+from labctl.rig.sight import Sight
 from labctl.rig.trace import PressureTrace
 from labctl.safety.safe_state import SafeReport
 from labctl.safety.supervisor import Supervisor
@@ -58,6 +59,9 @@ class Rig:
         self._notify = notify
         self._wall: Clock = platform.scheduler
         self._closed = False
+        # Held by whoever takes the rig to SAFE from outside, so that it is not closed meanwhile.
+        self._closing = platform.scheduler.lock()
+        self._vented_for: str | None = None
         self._guard = platform.start_guard(config)
         try:
             self._instruments = RigInstruments(
@@ -86,6 +90,9 @@ class Rig:
             guard=self._guard,
             notify=notify,
         )
+        self._observing = ExitStack()
+        self.sight = Sight(config.markers, self._instruments.feed, self._wall)
+        self._observing.enter_context(self._supervisor.observing(self.sight.take_pressure))
         self._supervisor.start()
 
     def __enter__(self) -> "Rig":
@@ -102,6 +109,11 @@ class Rig:
     def safe_report(self) -> SafeReport | None:
         """What was last read back on the way to SAFE; None before that, and from when anything is energised."""
         return self._supervisor.safe_report
+
+    @property
+    def channels_on(self) -> frozenset[int] | None:
+        """The valves that were on when they were last read; None before that."""
+        return self._supervisor.channels_on
 
     def check(self) -> None:
         """Look whether anything may still be done.
@@ -166,21 +178,21 @@ class Rig:
         requested = set(channels)
         if self.config.valves.dump_channel is not None:
             requested.add(self.config.valves.dump_channel)
-        with self._supervisor.energising(self.check):
+        with self._supervisor.energising(self._check_to_energise):
             on = self._instruments.valves.write(requested)
             self._supervisor.expect(channels_on=on)
         return on
 
     def start_control(self) -> None:
         """End hold and exhaust at setpoint 0, so that the regulator follows its setpoint again."""
-        with self._supervisor.energising(self.check):
+        with self._supervisor.energising(self._check_to_energise):
             self._instruments.regulator.write_setpoint(0.0)
             reading = self._instruments.regulator.cancel_hold()
             self._supervisor.expect(setpoint_psi=reading.setpoint_psi, mode="control")
 
     def write_setpoint(self, setpoint_psi: float) -> PressureReading:
         """Write a setpoint and read it back."""
-        with self._supervisor.energising(self.check):
+        with self._supervisor.energising(self._check_to_energise):
             reading = self._instruments.regulator.write_setpoint(setpoint_psi)
             # As read back, in the device's own decimals: every later reading will have the same.
             self._supervisor.expect(setpoint_psi=reading.setpoint_psi)
@@ -264,6 +276,16 @@ class Rig:
         """
         return self._supervisor.make_safe()
 
+    def vent_for(self, cause: str) -> SafeReport:
+        """Take the rig to SAFE for somebody outside, on their thread, and never energise it again.
+
+        Whatever the protocol does meanwhile: what it has begun is done first, and every later attempt to energise
+        raises `Stopped` with `cause`, in a teardown too.
+        """
+        self._vented_for = cause
+        with self._closing:
+            return self.close() if self._closed else self.make_safe()
+
     def reset(self) -> None:
         """Release the supervisor's latch after a trip that a person has dealt with; the rig is taken to SAFE first.
 
@@ -282,15 +304,22 @@ class Rig:
         """
         if self._closed and self.safe_report is not None:
             return self.safe_report
-        report = self.make_safe()
-        self._closed = True
-        self._supervisor.stop()
-        self._instruments.close(self._notify)
+        with self._closing:
+            report = self.make_safe()
+            self._closed = True
+            self._observing.close()
+            self._supervisor.stop()
+            self._instruments.close(self._notify)
         if report.safe:
             self._guard.stand_down()
         else:
             self._guard.release()
         return report
+
+    def _check_to_energise(self) -> None:
+        self.check()
+        if self._vented_for is not None:
+            raise Stopped(f"stopped by {self._vented_for}")
 
     def _require_flow(self, frames: int, seconds: float) -> None:
         """Refuse a window of a stream that stalled: few samples are not a short measurement."""

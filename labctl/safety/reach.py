@@ -1,10 +1,10 @@
 """To SAFE on instruments that are not open yet: each is opened and commanded at once, whatever the other does."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from labctl.clock import Clock, Scheduler, rig_clock
 from labctl.config.rig import Limits, RegulatorConfig, RigConfig, ValvesConfig
@@ -36,6 +36,22 @@ class Reach:
         """The part of a rig's configuration that the guard needs."""
         return cls(
             config.name, config.speed, config.simulated, config.regulator, config.valves, config.limits
+        )
+
+    def to_plain(self) -> dict[str, Any]:
+        """As plain JSON, for another process."""
+        return asdict(self)
+
+    @classmethod
+    def from_plain(cls, data: Mapping[str, Any]) -> "Reach":
+        """The inverse of `to_plain`."""
+        return cls(
+            rig_name=data["rig_name"],
+            speed=data["speed"],
+            simulated=data["simulated"],
+            regulator=RegulatorConfig(**data["regulator"]),
+            valves=ValvesConfig(**data["valves"]),
+            limits=Limits(**data["limits"]),
         )
 
 
