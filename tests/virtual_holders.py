@@ -1,5 +1,7 @@
 """Who holds which rig, in a test's own process: what `labctl.holder.system` does with files, sockets and signals."""
 
+from dataclasses import replace
+
 from labctl.errors import LabError, NoAnswer
 from labctl.holder.interfaces import RigHeld
 from labctl.holder.records import VERSION, Entry, Request
@@ -42,8 +44,11 @@ class VirtualHolding:
         self.entry, self.answerer = entry, answerer
         self.is_silent = answerer is None
         self.on_end = None
+        self.last = None
 
     def release(self):
+        if self.answerer is not None and not self.is_silent:
+            self.last = replace(self.answerer.state(), ended=True)
         if self in self._holders.holdings:
             self._holders.holdings.remove(self)
 
@@ -79,7 +84,7 @@ class VirtualConversation:
 
     def __init__(self, holders, holding):
         self._holders, self._holding = holders, holding
-        self._asked = False
+        self._asked = self._ended = False
 
     def next_state(self, timeout_s):
         if self._asked:
@@ -89,7 +94,8 @@ class VirtualConversation:
             self._holders.time.sleep(timeout_s)
             raise NoAnswer(f"process {self._holding.entry.holder.pid} has not answered for {timeout_s:g} s")
         if self._holding not in self._holders.holdings:
-            return None
+            last, self._ended = (None if self._ended else self._holding.last), True
+            return last
         return self._holding.answerer.state()
 
     def close(self):
