@@ -12,7 +12,7 @@ from labctl.cli.output import SIMULATED, banner, emit_json
 from labctl.errors import BadInput, LabError, NoAnswer
 
 if TYPE_CHECKING:
-    from labctl.holder.interfaces import Held
+    from labctl.holder.interfaces import Conversation, Held
     from labctl.holder.records import RigState
     from labctl.safety.safe_state import SafeReport
     from labctl.safety.vent_held import From, Vented
@@ -35,23 +35,35 @@ def held_rigs(rig_path: Path | None) -> tuple["Held", ...]:
     """Who holds the rig of this file; every rig that is held by this user where no file is named.
 
     Raises:
-        BadInput: the file cannot be read, and nobody holds a rig of this file.
+        BadInput: the file cannot be read.
+    """
+    holders = Outcome.current().holders
+    if rig_path is None:
+        return holders.all()
+    return holders.find(addresses_in(rig_path))
+
+
+def held_by_file(rig_path: Path | None) -> tuple["Held", ...]:
+    """`held_rigs` as far as it is known without reading the file, which takes longer than the word to vent may."""
+    holders = Outcome.current().holders
+    return tuple(held for held in holders.all() if rig_path is None or _is_of(held, rig_path))
+
+
+def _is_of(held: "Held", rig_path: Path) -> bool:
+    return held.entry.holder.source == str(rig_path.resolve())
+
+
+def addresses_in(rig_path: Path) -> tuple[str, ...]:
+    """The addresses of the rig of a file.
+
+    Raises:
+        BadInput: the file cannot be read.
     """
     from labctl.config.load import load_rig
     from labctl.holder.addresses import addresses_of
 
-    holders = Outcome.current().holders
-    if rig_path is None:
-        return holders.all()
-    try:
-        config = load_rig(rig_path)
-    except BadInput:
-        # In an emergency a file that somebody is just changing must not be in the way.
-        found = tuple(held for held in holders.all() if held.entry.holder.source == str(rig_path.resolve()))
-        if not found:
-            raise
-        return found
-    return holders.find(addresses_of(config.regulator, config.valves))
+    config = load_rig(rig_path)
+    return addresses_of(config.regulator, config.valves)
 
 
 def one_held_rig(found: Sequence["Held"], rig_path: Path | None, what: str) -> "Held":
@@ -73,6 +85,10 @@ def vent_rigs(
     found: Sequence["Held"], word: Literal["vent", "abort"], notify: Callable[[str], None]
 ) -> list[VentedRig]:
     """Vent held rigs, all at once; what cannot be done stands in the report."""
+    if not found:
+        return []
+    # Before the instruments' side is imported, which takes as long as the request may.
+    asked = [_ask(held, word) for held in found]
     from labctl.holder.this_holder import this_holder
     from labctl.safety.vent_held import From
 
@@ -85,7 +101,7 @@ def vent_rigs(
         holder = held.entry.holder
         me = this_holder("command", holder.rig_name, holder.source, simulated=holder.simulated)
         here = From(me, platform.holders, scheduler, platform.wires, notify)
-        vented[index] = _vent_one(held, word, here)
+        vented[index] = _vent_one(held, asked[index], here)
 
     threads = [
         scheduler.start_thread(lambda index=index: vent_one(index), f"{word} {index}")  # type: ignore[misc]
@@ -98,12 +114,30 @@ def vent_rigs(
     return [vented[index] for index in sorted(vented)]
 
 
-def _vent_one(held: "Held", word: Literal["vent", "abort"], here: "From") -> VentedRig:
+def same_rig(vented: Sequence[VentedRig], rig_path: Path) -> bool:
+    """Whether these are the rig that the file describes now, or what it describes cannot be read."""
+    try:
+        addresses = set(addresses_in(rig_path))
+    except BadInput:
+        return True
+    return any(addresses & set(rig.held.entry.addresses) for rig in vented)
+
+
+def _ask(held: "Held", word: Literal["vent", "abort"]) -> "Conversation | NoAnswer":
+    if held.entry.holder.kind == "guard":
+        return NoAnswer("a guard is asked nothing")
+    try:
+        return held.ask(word, _ANSWER_S)
+    except NoAnswer as error:
+        return error
+
+
+def _vent_one(held: "Held", asked: "Conversation | NoAnswer", here: "From") -> VentedRig:
     from labctl.safety.safe_state import SafeReport
     from labctl.safety.vent_held import vent_held
 
     try:
-        vented: Vented = vent_held(held, word, here)
+        vented: Vented = vent_held(held, asked, here)
     # Of several rigs each is vented, whatever becomes of the others.
     except Exception as error:
         problem = str(error) if isinstance(error, LabError) else repr(error)

@@ -27,11 +27,16 @@ def vent(rig_path: Path | None, as_json: bool) -> int:
     of this command's own where none is held. An instrument that cannot be opened does not keep the other from being
     made safe; the rig is then UNSAFE and the exit code 1.
     """
-    from labctl.cli.held import held_rigs, print_vented, vent_rigs
+    from labctl.cli.held import held_by_file, held_rigs, print_vented, same_rig, vent_rigs
     from labctl.cli.interrupts import stop_on_signals
     from labctl.holder.interfaces import RigHeld
 
     with stop_on_signals() as stop, ProgressLine(quiet=True) as line:
+        # The rig that was held under this file's name comes first: a file that somebody is just changing, or that
+        # takes its time, must not be in the way.
+        vented = vent_rigs(held_by_file(rig_path), "vent", line.notify)
+        if vented and (rig_path is None or same_rig(vented, rig_path)):
+            return print_vented(vented, as_json)
         found = held_rigs(rig_path)
         if not found:
             from labctl.cli.rigs import configured_rig
@@ -42,7 +47,7 @@ def vent(rig_path: Path | None, as_json: bool) -> int:
                 except RigHeld as error:
                     # Somebody was quicker.
                     found = (error.held,)
-        vented = vent_rigs(found, "vent", line.notify)
+        vented += vent_rigs(found, "vent", line.notify)
     return print_vented(vented, as_json)
 
 

@@ -12,6 +12,7 @@ from labctl.instruments.interfaces import PressureRegulator, ValveBank
 from labctl.instruments.readings import Identity, PressureReading
 from labctl.links.wires import Wires
 from labctl.rig.marker_feed import MarkerFeed
+from labctl.safety.guard import Guard
 from labctl.safety.safe_state import SETPOINT_ZERO_PSI, make_safe
 from labctl.stop import StopRequest
 
@@ -49,6 +50,7 @@ class RigInstruments:
         clock: Clock,
         stop: StopRequest,
         notify: Callable[[str], None],
+        guard: Guard,
     ) -> None:
         with ExitStack() as opened:
             try:
@@ -61,7 +63,7 @@ class RigInstruments:
                 found = _found_energised(self.regulator.read(), self.valves.read(), config)
                 if found:
                     notify(f"{config.name} was found energised ({found}): taking it to SAFE")
-                    _make_safe(self.regulator, self.valves, config, scheduler)
+                    _make_safe(self.regulator, self.valves, config, scheduler, guard)
                 markers = open_markers(config.markers, scheduler, clock, wires)
                 opened.callback(markers.close)
                 stop.check()
@@ -98,8 +100,10 @@ def _found_energised(reading: PressureReading, channels_on: frozenset[int], conf
 
 
 def _make_safe(
-    regulator: PressureRegulator, valves: ValveBank, config: RigConfig, scheduler: Scheduler
+    regulator: PressureRegulator, valves: ValveBank, config: RigConfig, scheduler: Scheduler, guard: Guard
 ) -> None:
+    # From here the guard ends a program that has stopped as it would in any other step.
+    guard.energised()
     report = make_safe(
         regulator,
         valves,
@@ -107,9 +111,11 @@ def _make_safe(
         dump_channel=config.valves.dump_channel,
         clock=scheduler,
         scheduler=scheduler,
+        tick=guard.beat,
     )
     if not report.safe:
         raise Unsafe(f"{config.name} was found energised: {report.describe()}")
+    guard.safe()
 
 
 def _require_as_configured(regulator: Identity, config: RigConfig) -> None:

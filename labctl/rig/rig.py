@@ -65,7 +65,7 @@ class Rig:
         self._guard = platform.start_guard(config)
         try:
             self._instruments = RigInstruments(
-                config, platform.scheduler, platform.wires, self.clock, stop, notify
+                config, platform.scheduler, platform.wires, self.clock, stop, notify, self._guard
             )
             try:
                 self._guard.wait_armed()

@@ -18,7 +18,7 @@ from labctl.safety.safe_state import SafeReport
 
 ANSWER_S = 1.0
 # An opening that is under way ends, or becomes an open rig, within this; so does a look at the instruments.
-_OPENING_S = 3.0
+_OPENING_S = 5.0
 _MARGIN_S = 10.0
 _BUSY_S = 30.0
 _LOOK_S = 0.02
@@ -44,8 +44,10 @@ class From:
     notify: Callable[[str], None]
 
 
-def vent_held(held: Held, word: Literal["vent", "abort"], here: From) -> Vented:
+def vent_held(held: Held, asked: Conversation | NoAnswer, here: From) -> Vented:
     """Have a held rig taken to SAFE, by its holder or in its place; the holder's command ends.
+
+    `asked` is what became of the request to vent: the conversation, which is closed here, or that it was not taken.
 
     Raises:
         LabError: it does not answer and cannot be ended from here.
@@ -56,7 +58,7 @@ def vent_held(held: Held, word: Literal["vent", "abort"], here: From) -> Vented:
         here.notify(f"that guard is taking it to SAFE; waiting until it has, {_BUSY_S:g} s at most")
     else:
         try:
-            report = _ask(held, word, reach, here)
+            report = _watch(asked, held, reach, here)
         except NoAnswer as silence:
             here.notify(f"{silence}: ending it and venting from here")
             held.end()
@@ -67,20 +69,21 @@ def vent_held(held: Held, word: Literal["vent", "abort"], here: From) -> Vented:
     return Vented(holder, _vent_here(held, reach, here), "here")
 
 
-def _ask(held: Held, word: Literal["vent", "abort"], reach: Reach, here: From) -> SafeReport | None:
+def _watch(asked: Conversation | NoAnswer, held: Held, reach: Reach, here: From) -> SafeReport | None:
     """What the holder read back; None where it let go of the rig without an answer.
 
     Raises:
         NoAnswer: it has not answered for a second, or has not come to an end.
     """
-    conversation = held.ask(word, ANSWER_S)
+    if isinstance(asked, NoAnswer):
+        raise asked
     try:
-        return _watch(conversation, held, reach, here)
+        return _until_read_back(asked, held, reach, here)
     finally:
-        conversation.close()
+        asked.close()
 
 
-def _watch(conversation: Conversation, held: Held, reach: Reach, here: From) -> SafeReport | None:
+def _until_read_back(conversation: Conversation, held: Held, reach: Reach, here: From) -> SafeReport | None:
     start_s = here.scheduler.now_s()
     end_s = start_s + reach.limits.vent_timeout_s / reach.speed + _MARGIN_S
     pid = held.entry.holder.pid

@@ -45,7 +45,7 @@ def abort(ctx: click.Context, rig_path: Path | None, ledger_folder: Path, as_jso
     that writes to the ledger; else the only command of yours that holds a rig. One that does not answer within a
     second is ended, and the rig is vented from here. Exit code 0: SAFE was read back.
     """
-    from labctl.cli.held import held_rigs, one_held_rig, print_vented, vent_rigs
+    from labctl.cli.held import held_by_file, held_rigs, one_held_rig, print_vented, vent_rigs
     from labctl.ledger.lock import holder_of
 
     given = ctx.get_parameter_source("ledger_folder") is not ParameterSource.DEFAULT
@@ -54,7 +54,7 @@ def abort(ctx: click.Context, rig_path: Path | None, ledger_folder: Path, as_jso
             "--rig and --ledger: give one of them, the rig of the command or the ledger of the run"
         )
     writer = None if rig_path is not None else holder_of(ledger_folder)
-    found = held_rigs(rig_path)
+    found = (rig_path is not None and held_by_file(rig_path)) or held_rigs(rig_path)
     if writer is not None or given:
         found = tuple(held for held in found if writer is not None and held.entry.holder.pid == writer.pid)
         if not found:
