@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-rig clean
+.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-vent bench-rig clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -39,6 +39,9 @@ bench-protocols: $(INSTALLED)  ## all five protocols on doubles at 20 times thei
 
 bench-kill: $(INSTALLED)  ## kill -9 at 200 random moments of a run: about half an hour
 	$(BIN)/python bench/kill_run.py
+
+bench-vent: $(INSTALLED)  ## vent and abort from a second terminal, in every step of every command: about half an hour
+	$(BIN)/python bench/second_terminal.py
 
 bench-rig: $(INSTALLED)  ## ingest, recording and the supervisor under 72 markers at 960 Hz: about 12 minutes
 	$(BIN)/python bench/rig_load.py --out runs/bench/rig.json

@@ -1,10 +1,10 @@
 """`labctl vent` and `labctl abort` from a second terminal, in every step of every command that pressurises a sheet.
 
 For each command, step and condition of its process (healthy; busy: its main thread computes; stopped: SIGSTOP; gone:
-kill -9) the command is started on doubles in a process of their own, brought to the step and put into the condition, and
-the word is typed in another folder. By the doubles' trace the setpoint must be 0, and stay so, within 0.5 s of the moment
-at which the word reached the machine's ears (2 s where the process does not answer), and the word must have printed SAFE as
-read back. How long a bare `python -c pass` takes to start is printed beside it: so much of it is no one's.
+kill -9) the command is started on doubles in a process of their own, brought to the step and put into the condition,
+and the word is typed in another folder. By the doubles' trace the setpoint must be 0, and stay so, within 0.5 s of
+then (2 s where the process does not answer), less what a bare interpreter takes to start, and the word must have
+printed SAFE as read back. A machine that is busy with other things shows in that.
 
 `--command`, `--condition` and `--step` leave out the rest. Words alternate from case to case; `--both` tries both.
 """
@@ -96,7 +96,8 @@ def main() -> int:
 
 
 def _print_tallies(tallies: dict[str, Tally]) -> int:
-    print(f"\na bare interpreter starts in {_bare_start_s():.2f} s\n")
+    load, start_s = os.getloadavg()[1], _bare_start_s()
+    print(f"\na bare interpreter starts in {start_s:.2f} s; load average of 5 minutes {load:.1f}\n")
     heading("process", "cases", "setpoint was up", "0 after at worst, s", "limit, s", "failed")
     for condition, tally in tallies.items():
         worst = f"{max(tally.after_s):.2f}" if tally.after_s else "-"
@@ -125,7 +126,7 @@ def _cases(arguments: argparse.Namespace) -> Iterator[tuple[str, str, str, str]]
 
 
 def _one_case(place: Path, command: str, step: str, condition: str, word: str) -> tuple[str, float | None]:
-    """What was wrong, "" where nothing was; and how long after the word the setpoint was 0, None where it was before."""
+    """What was wrong, "" where nothing was; and when the setpoint was 0 after the word, None where it was before."""
     own = [*COMMANDS[command], "--rig", str(place / "rig.toml")]
     if command != "inflate":
         own += ["--ledger", str(place / "ledger")]

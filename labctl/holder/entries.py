@@ -48,7 +48,11 @@ def lock_all(folder: Path, addresses: Sequence[str]) -> tuple[int, ...] | None:
     descriptors: list[int] = []
     # In the same order everywhere, so that of two processes one gets all.
     for path in sorted(path_of(folder, address) for address in addresses):
-        descriptors.append(_open(path, os.O_RDWR | os.O_CREAT))
+        try:
+            descriptors.append(_open(path, os.O_RDWR | os.O_CREAT))
+        except OSError:
+            close_all(descriptors)
+            raise
         if not take(descriptors[-1]):
             close_all(descriptors)
             return None

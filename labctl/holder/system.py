@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from labctl.errors import LabError, RigUnavailable
+from labctl.errors import BadInput, LabError, NoAnswer, RigUnavailable
 from labctl.holder.answering import Answering, listen_at
 from labctl.holder.asking import SocketConversation
 from labctl.holder.entries import (
@@ -47,16 +47,22 @@ class SystemHolders:
         Raises:
             RigHeld: somebody else holds it.
             RigUnavailable: somebody does who has not said who they are.
-            BadInput: there is no private folder.
+            BadInput: there is no private folder, or nothing can be written there.
         """
         end_s = time.monotonic() + patience_s
         folder = first_private(self._folders(), os.getuid())
         while True:
             found = self.find(addresses)
-            descriptors = None if found else lock_all(folder, addresses)
-            if descriptors is not None:
-                entry = Entry(VERSION, holder, tuple(addresses), reach)
-                return FileHolding(folder, descriptors, entry, answerer)
+            try:
+                descriptors = None if found else lock_all(folder, addresses)
+                if descriptors is not None:
+                    entry = Entry(VERSION, holder, tuple(addresses), reach)
+                    return FileHolding(folder, descriptors, entry, answerer)
+            except OSError as error:
+                raise BadInput(
+                    f"{folder}: {error.strerror or error}: no other terminal could find this command; remove what is "
+                    "in the way there"
+                ) from error
             if time.monotonic() >= end_s:
                 if found:
                     raise RigHeld(found[0])
@@ -135,6 +141,9 @@ class ProcessHeld:
         Raises:
             NoAnswer: it was not taken in time.
         """
+        if _has_stopped(self.pid):
+            # It cannot answer: every second of waiting is one under pressure.
+            raise NoAnswer(f"process {self.entry.holder.pid} has been stopped (SIGSTOP, Ctrl-Z)")
         first = path_of(self._locked.path.parent, self.entry.addresses[0])
         return SocketConversation(_socket_of(first), f"process {self.entry.holder.pid}", word, timeout_s)
 
@@ -153,6 +162,15 @@ class ProcessHeld:
             _kill(self.pid, self._locked.path)
         except PermissionError as error:
             raise LabError(f"process {self.pid} is another user's and cannot be ended from here") from error
+
+
+def _has_stopped(pid: int) -> bool:
+    """Whether the system says so; where it does not tell, waiting for an answer does."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0]
+    except (OSError, IndexError):
+        return False
+    return state in (b"T", b"t")
 
 
 def _kill(pid: int, path: Path) -> None:

@@ -12,8 +12,9 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from labctl_process import wait_until
 
-from labctl.errors import NoAnswer
+from labctl.errors import BadInput, NoAnswer
 from labctl.holder.entries import path_of
 from labctl.holder.interfaces import RigHeld
 from labctl.holder.records import VERSION, RigState
@@ -140,10 +141,8 @@ def test_a_holder_that_has_stopped_does_not_answer_and_can_be_ended(holders, sta
     process.send_signal(signal.SIGSTOP)
     (held,) = holders.find(ADDRESSES)
 
-    start_s = time.monotonic()
-    with closing(held.ask("vent", 1.0)) as conversation, pytest.raises(NoAnswer):
-        conversation.next_state(0.3)
-    assert time.monotonic() - start_s < 1.0
+    with pytest.raises(NoAnswer, match="has been stopped"):
+        wait_until(lambda: held.ask("vent", 1.0).close())
     held.end()
     assert process.wait(5) == -signal.SIGKILL
     assert not held.is_held()
@@ -174,7 +173,7 @@ def test_what_a_file_says_counts_only_while_it_is_locked(holders, folder, start)
 def test_a_link_in_the_place_of_a_file_is_not_followed(holders, folder, tmp_path):
     folder.mkdir(0o700)
     path_of(folder, ADDRESSES[0]).symlink_to(tmp_path / "somewhere")
-    with pytest.raises(OSError, match="symbolic links"):
+    with pytest.raises(BadInput, match="symbolic links"):
         hold(holders)
     assert not (tmp_path / "somewhere").exists()
 
