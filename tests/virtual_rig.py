@@ -25,6 +25,7 @@ class VirtualGuard:
         self._gone = False
         self.killed = False
         self.hangs = 0
+        self.sent = b""
         self.notes = []
         self.report = None
         self._thread = time.start_thread(self._run, "guard")
@@ -57,6 +58,7 @@ class VirtualGuard:
 
     def _send(self, data):
         self._bytes += data
+        self.sent += data
         self._arrived.set()
 
     def _receive(self, timeout_s):

@@ -4,10 +4,16 @@ The first command's own thread is busy for as long as the second command runs, a
 """
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
+from labctl.doubles.in_process import REGULATOR_PORT
+from labctl.holder.records import VERSION, Entry, RigState, SafeReading
+from labctl.holder.this_holder import this_holder
 from labctl.ledger.ledger import Ledger
+from labctl.safety.guard import BEAT
 
 INFLATE = ("inflate", "--pattern", "sphere")
 FIVE = ("run", "five-trial", "--pattern", "sphere", "--trials", "2")
@@ -145,6 +151,54 @@ def test_a_process_that_does_not_answer_is_ended_and_the_rig_vented_in_its_place
     assert "vented and read back by this one, in its place" in second.out
 
 
+def test_a_bare_vent_takes_every_held_rig_to_safe(lab):
+    other = Entry(
+        VERSION,
+        replace(this_holder("command", "other rig", "/o.toml", simulated=True), pid=9),
+        ("tcp x:1#1",),
+        {},
+    )
+    seen = []
+
+    def deed():
+        (held,) = lab.virtual.holders.all()
+        answerer = SimpleNamespace(
+            request=lambda word, request: None,
+            state=lambda: RigState(
+                VERSION, other.holder, "open", 1.0, read_back=SafeReading(0.0, 0.0, "exhaust", (), ())
+            ),
+        )
+        lab.virtual.holders.hold(other.holder, other.addresses, held.entry.reach, answerer, 0.0)
+        refused = lab.second("abort")
+        assert refused.code == 2
+        assert "2 rigs are held" in refused.err
+        seen.append(lab.second("vent", "--json"))
+
+    lab.at("trial 1: hold", deed)
+    lab(*INFLATE, "--rig", lab.rig)
+
+    result = json.loads(seen[0].out)
+    assert seen[0].code == 0
+    assert result["safe"] is True
+    assert [rig["rig"] for rig in result["rigs"]] == ["simulated rig", "other rig"]
+
+
+def test_a_port_that_another_program_has_is_named_after_a_second(lab):
+    wire = lab.virtual.doubles.wires.open_serial(REGULATOR_PORT, 19200, "somebody's")
+    start_s = lab.time.now_s()
+    told_s = []
+    lab.at(
+        "in use by another program; end that program first; trying again",
+        lambda: told_s.append(lab.time.now_s()),
+    )
+    lab.after(5, wire.close)
+
+    done = lab("vent", "--rig", lab.rig)
+
+    assert done.code == 0, done.err
+    assert told_s[0] - start_s < 1.5
+
+
 def test_one_that_cannot_be_ended_is_named_and_the_rig_unsafe(lab):
     seen = []
 
@@ -158,6 +212,18 @@ def test_one_that_cannot_be_ended_is_named_and_the_rig_unsafe(lab):
 
     assert seen[0].code == 1
     assert "cannot be ended from here" in json.loads(seen[0].out)["problems"][0]
+
+
+def test_a_rig_that_is_found_energised_is_the_guard_s_to_vent_while_it_is_being_opened(lab):
+    lab.leave_energised()
+    sent = []
+    lab.at("taking the rig to SAFE", lambda: sent.append(lab.virtual.guards[0].sent))
+
+    assert lab(*INFLATE, "--rig", lab.rig).code == 0
+
+    first, *_, last = sent[0].replace(BEAT, b"").split()[0].decode()
+    assert (first, last) == ("e", "s")
+    assert BEAT in sent[0]
 
 
 def test_status_shows_by_whom_a_rig_is_held_and_what_it_reads(lab):

@@ -15,10 +15,10 @@ import pytest
 from labctl_process import wait_until
 
 from labctl.errors import BadInput, NoAnswer
-from labctl.holder.entries import path_of
+from labctl.holder.entries import Locked, look, path_of
 from labctl.holder.interfaces import RigHeld
 from labctl.holder.records import VERSION, RigState
-from labctl.holder.system import SystemHolders
+from labctl.holder.system import ProcessHeld, SystemHolders
 from labctl.holder.this_holder import this_holder
 
 pytestmark = pytest.mark.real_time
@@ -159,6 +159,15 @@ def test_whoever_let_go_is_not_ended_in_place_of_the_next(holders, start):
     held.end()
     assert second.poll() is None
     assert not held.is_held()
+
+
+def test_a_process_that_does_not_hold_the_rig_is_never_ended(folder, start):
+    bystander = start("port /dev/ttyC")
+    start()
+    path = path_of(folder, ADDRESSES[0])
+    ProcessHeld(Locked(path, bystander.pid, look(path).entry)).end()
+
+    assert bystander.poll() is None
 
 
 def test_what_a_file_says_counts_only_while_it_is_locked(holders, folder, start):
