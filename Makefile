@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-gauge bench-rig interop wire-table clean
+.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-gauge bench-vent bench-rig interop wire-table clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -52,6 +52,9 @@ interop: $(INSTALLED)  ## clients written elsewhere on the doubles, each in an e
 
 wire-table: $(INSTALLED)  ## docs/reference/wire-faults.md anew: every driver, wire fault and verb, about 10 s
 	PYTHONPATH=tests $(BIN)/python bench/wire_table.py
+
+bench-vent: $(INSTALLED)  ## vent and abort from a second terminal, in every step of every command: about half an hour
+	$(BIN)/python bench/second_terminal.py
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

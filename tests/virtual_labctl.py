@@ -131,6 +131,10 @@ class VirtualLabctl:
         assert not self._deeds, f"never shown: {[words for words, _ in self._deeds]}; shown:\n{ended.err}"
         return ended
 
+    def second(self, *arguments):
+        """Run a command as in a second terminal, from a deed: the first command's own thread is busy meanwhile."""
+        return labctl_here(*arguments, platform=self.virtual.platform)
+
     def leave_energised(self):
         """Somebody sets 2 psi over the wire, and goes."""
         wire = self.virtual.doubles.wires.open_serial(REGULATOR_PORT, 19200, "somebody's")

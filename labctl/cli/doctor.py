@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from labctl.cli.options import json_option, rig_option
-from labctl.cli.output import banner, emit_json, unit_json
+from labctl.cli.output import ProgressLine, banner, emit_json, unit_json
 from labctl.cli.rigs import chosen_rig
 
 if TYPE_CHECKING:
@@ -46,7 +46,11 @@ def doctor(rig_path: Path | None, as_json: bool) -> int:
     from labctl.cli.interrupts import stop_on_signals
     from labctl.cli.outcome import Outcome
 
-    with stop_on_signals() as stop, chosen_rig(rig_path, "known", stop) as config:
+    with (
+        stop_on_signals() as stop,
+        ProgressLine(quiet=True) as line,
+        chosen_rig(rig_path, "known", stop, line.notify) as config,
+    ):
         platform = Outcome.current().platform
         findings: list[Finding] = []
         for examine in (_regulator, _second_gauge, _valves, _gauge_zero, _markers, _guard, _computer):
@@ -96,8 +100,6 @@ def _regulator(config: "RigConfig", platform: "Platform") -> list[Finding]:
             _pressure_unit(config),
             _setpoint_source(identity),
         ]
-        reading = regulator.read()
-        findings = [Finding(regulator.name, "ok", _who(identity)), _setpoint_source(identity)]
         reading = _mean_reading(regulator, config, platform)
         findings.append(
             Finding(
@@ -231,11 +233,14 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
     from labctl.mocap.window import average
     from labctl.rig.marker_feed import MarkerFeed
 
-    source = open_markers(config.markers, platform.scheduler, platform.scheduler, platform.wires)
-    feed = MarkerFeed(source, platform.scheduler)
-    try:
+    with ExitStack() as opened:
+        source = open_markers(config.markers, platform.scheduler, platform.scheduler, platform.wires)
+        opened.callback(source.close)
         identity = source.identify()
         source.start()
+        feed = MarkerFeed(source, platform.scheduler)
+        # Closed first, and the source after it, whatever becomes of the feed.
+        opened.callback(feed.close)
         feed.start()
         mark = feed.mark()
         platform.scheduler.sleep(_MARKER_LOOK_S)
@@ -243,9 +248,6 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
         feed.close()
         # What was passed over in the stream stands in the notes by now.
         passed_over = set(source.identify().notes) - set(identity.notes)
-    finally:
-        feed.close()
-        source.close()
     ids = [point.id for point in config.markers.points]
     window = average(frames, ids)
     unseen = [str(marker) for marker, seen in zip(ids, window.seen, strict=True) if seen == 0]
@@ -266,9 +268,11 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
 def _guard(config: "RigConfig", platform: "Platform") -> list[Finding]:
     start_s = platform.scheduler.now_s()
     guard = platform.start_guard(config)
-    guard.wait_armed()
-    took_s = platform.scheduler.now_s() - start_s
-    guard.stand_down()
+    try:
+        guard.wait_armed()
+        took_s = platform.scheduler.now_s() - start_s
+    finally:
+        guard.stand_down()
     return [
         Finding(
             "guard process",

@@ -41,7 +41,7 @@ def tare(ctx: click.Context, rig_path: Path | None, ledger_folder: Path, as_json
         if rig_path is not None or named:
             # Before the rig: what cannot be recorded is not done.
             writer = opened.enter_context(LedgerWriter.open(ledger_folder, print_notice))
-        config = opened.enter_context(chosen_rig(rig_path, "known", stop))
+        config = opened.enter_context(chosen_rig(rig_path, "known", stop, print_notice))
         tared, detail = _tare(config, stop)
         if writer is not None:
             _record(writer, detail)

@@ -1,5 +1,9 @@
 """From configuration to drivers: the one place that knows which class a `driver = ...` line means."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
 from labctl.clock import Clock, Scheduler
 from labctl.config.rig import GaugeConfig, Limits, MarkersConfig, RegulatorConfig, ValvesConfig
 from labctl.drivers.alicat_ascii import AlicatAscii
@@ -24,26 +28,30 @@ def open_regulator(
     """
     dual_valve = config.model == "PCD"
     if config.driver == "alicat-ascii":
-        return AlicatAscii(
-            open_serial_link(config.port, config.baudrate, clock, config.name, wires=wires),
-            unit_id=config.unit_id,
+        link = open_serial_link(config.port, config.baudrate, clock, config.name, wires=wires)
+        with _closed_on_error(link):
+            return AlicatAscii(
+                link,
+                unit_id=config.unit_id,
+                pressure_unit=config.pressure_unit,
+                max_setpoint_psi=limits.max_pressure_psi,
+                dual_valve=dual_valve,
+                name=config.name,
+                timeout_s=config.timeout_s,
+            )
+    registers = open_modbus_serial(config.port, config.baudrate, clock, config.name, wires=wires)
+    with _closed_on_error(registers):
+        return AlicatModbus(
+            registers,
+            device_id=config.device_id,
             pressure_unit=config.pressure_unit,
+            unit_proof=config.pressure_unit_proven or None,
+            word_order=config.word_order,
             max_setpoint_psi=limits.max_pressure_psi,
             dual_valve=dual_valve,
             name=config.name,
             timeout_s=config.timeout_s,
         )
-    return AlicatModbus(
-        open_modbus_serial(config.port, config.baudrate, clock, config.name, wires=wires),
-        device_id=config.device_id,
-        pressure_unit=config.pressure_unit,
-        unit_proof=config.pressure_unit_proven or None,
-        word_order=config.word_order,
-        max_setpoint_psi=limits.max_pressure_psi,
-        dual_valve=dual_valve,
-        name=config.name,
-        timeout_s=config.timeout_s,
-    )
 
 
 def open_gauge(
@@ -78,13 +86,14 @@ def open_valves(config: ValvesConfig, clock: Scheduler, wires: Wires = SYSTEM_WI
         link = open_modbus_serial(config.port, config.baudrate, clock, config.name, wires=wires)
     else:
         link = open_modbus_tcp(config.host, config.tcp_port, clock, config.name, wires=wires)
-    return WaveshareRelay(
-        link,
-        device_id=config.device_id,
-        channels=config.channels,
-        name=config.name,
-        timeout_s=config.timeout_s,
-    )
+    with _closed_on_error(link):
+        return WaveshareRelay(
+            link,
+            device_id=config.device_id,
+            channels=config.channels,
+            name=config.name,
+            timeout_s=config.timeout_s,
+        )
 
 
 def open_markers(
@@ -100,11 +109,26 @@ def open_markers(
     stream = wires.open_tcp(
         config.host, _PHASESPACE_BASE_PORT + config.server_number, clock, config.name, config.timeout_s
     )
-    return PhaseSpace(
-        stream,
-        clock=arrival_clock,
-        frequency_hz=config.frequency_hz,
-        length_unit_mm=config.length_unit_mm,
-        name=config.name,
-        timeout_s=config.timeout_s,
-    )
+    with _closed_on_error(stream):
+        return PhaseSpace(
+            stream,
+            clock=arrival_clock,
+            frequency_hz=config.frequency_hz,
+            length_unit_mm=config.length_unit_mm,
+            name=config.name,
+            timeout_s=config.timeout_s,
+        )
+
+
+class _Closes(Protocol):
+    def close(self) -> None: ...
+
+
+@contextmanager
+def _closed_on_error(link: _Closes) -> Iterator[None]:
+    """Give a link back when the driver that was to have it is not made."""
+    try:
+        yield
+    except BaseException:
+        link.close()
+        raise

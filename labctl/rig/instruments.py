@@ -16,6 +16,7 @@ from labctl.instruments.interfaces import PressureGauge, PressureRegulator, Valv
 from labctl.instruments.readings import Identity, PressureReading
 from labctl.links.wires import Wires
 from labctl.rig.marker_feed import MarkerFeed
+from labctl.safety.guard import Guard
 from labctl.safety.safe_state import SETPOINT_ZERO_PSI, make_safe
 from labctl.safety.second_gauge import SecondGauge
 from labctl.safety.zero import GaugeSection, no_gas_in, wait_for_zero, zero_problem
@@ -59,6 +60,7 @@ class RigInstruments:
         clock: Clock,
         stop: StopRequest,
         notify: Callable[[str], None],
+        guard: Guard,
     ) -> None:
         with ExitStack() as opened:
             try:
@@ -71,7 +73,7 @@ class RigInstruments:
                 found = _found_energised(self.regulator.read(), self.valves.read(), config)
                 if found:
                     notify(f"{config.name} was found energised ({found}): taking it to SAFE")
-                    _make_safe(self.regulator, self.valves, config, scheduler)
+                    _make_safe(self.regulator, self.valves, config, scheduler, guard)
                 self.zero_psi = _look_at_zero(self.regulator, config, clock, stop)
                 self.second_gauge, gauge_identity = self._open_gauge(config, scheduler, wires, clock, stop)
                 if self.second_gauge is not None:
@@ -127,8 +129,10 @@ def _found_energised(reading: PressureReading, channels_on: frozenset[int], conf
 
 
 def _make_safe(
-    regulator: PressureRegulator, valves: ValveBank, config: RigConfig, scheduler: Scheduler
+    regulator: PressureRegulator, valves: ValveBank, config: RigConfig, scheduler: Scheduler, guard: Guard
 ) -> None:
+    # From here the guard ends a program that has stopped as it would in any other step.
+    guard.energised()
     report = make_safe(
         regulator,
         valves,
@@ -136,11 +140,13 @@ def _make_safe(
         dump_channel=config.valves.dump_channel,
         clock=scheduler,
         scheduler=scheduler,
+        tick=guard.beat,
     )
     if report.only_zero_is_off:
         raise InstrumentError(f"{config.regulator.name}: {report.describe()}")
     if not report.safe:
         raise Unsafe(f"{config.name} was found energised: {report.describe()}")
+    guard.safe()
 
 
 def _look_at_zero(regulator: PressureRegulator, config: RigConfig, clock: Clock, stop: StopRequest) -> float:

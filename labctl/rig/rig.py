@@ -11,11 +11,12 @@ from types import TracebackType
 
 from labctl.clock import Clock, rig_clock
 from labctl.config.rig import RigConfig
-from labctl.errors import InstrumentError, Unsafe
+from labctl.errors import InstrumentError, Stopped, Unsafe
 from labctl.instruments.readings import MarkerFrames, PressureReading, in_band
 from labctl.rig.instruments import RigInstruments
 from labctl.rig.platform import SYSTEM, Platform
 from labctl.rig.recorder import Recorder, errors_to_recorder
+from labctl.rig.sight import Sight
 from labctl.rig.trace import PressureTrace
 from labctl.safety.lateness import Lateness, refuse_late
 from labctl.safety.safe_state import SafeReport
@@ -64,10 +65,13 @@ class Rig:
         self._notify = notify
         self._wall: Clock = platform.scheduler
         self._closed = False
+        # Held by whoever takes the rig to SAFE from outside, so that it is not closed meanwhile.
+        self._closing = platform.scheduler.lock()
+        self._vented_for: str | None = None
         self._guard = platform.start_guard(config)
         try:
             self._instruments = RigInstruments(
-                config, platform.scheduler, platform.wires, self.clock, stop, notify
+                config, platform.scheduler, platform.wires, self.clock, stop, notify, self._guard
             )
             try:
                 self._guard.wait_armed()
@@ -102,8 +106,10 @@ class Rig:
             prioritise=platform.prioritise,
             witnesses=(self._sheet_witness, *self._second_gauge()),
         )
-        self._witnessing = ExitStack()
-        self._witnessing.enter_context(self._instruments.feed.observing(self._sheet_witness.take))
+        self._observing = ExitStack()
+        self.sight = Sight(config.markers, self._instruments.feed, self._wall)
+        self._observing.enter_context(self._instruments.feed.observing(self._sheet_witness.take))
+        self._observing.enter_context(self._supervisor.observing(self.sight.take_pressure))
         self._supervisor.start()
         self._lateness: Lateness | None = Lateness(platform.scheduler, platform.prioritise)
 
@@ -122,6 +128,11 @@ class Rig:
         """What was last read back on the way to SAFE; None before that, and from when anything is energised."""
         return self._supervisor.safe_report
 
+    @property
+    def channels_on(self) -> frozenset[int] | None:
+        """The valves that were on when they were last read; None before that."""
+        return self._supervisor.channels_on
+
     def check(self) -> None:
         """Look whether anything may still be done.
 
@@ -138,6 +149,8 @@ class Rig:
     def _check_energising(self) -> None:
         """Look whether anything may be energised: `check`, and once whether this computer is on time."""
         self.check()
+        if self._vented_for is not None:
+            raise Stopped(f"stopped by {self._vented_for}")
         if self._lateness is not None:
             refuse_late(self._lateness.worst_s(), self.config.limits, self._notify)
             self._lateness = None
@@ -308,6 +321,16 @@ class Rig:
         """
         return self._supervisor.make_safe()
 
+    def vent_for(self, cause: str) -> SafeReport:
+        """Take the rig to SAFE for somebody outside, on their thread, and never energise it again.
+
+        Whatever the protocol does meanwhile: what it has begun is done first, and every later attempt to energise
+        raises `Stopped` with `cause`, in a teardown too.
+        """
+        self._vented_for = cause
+        with self._closing:
+            return self.close() if self._closed else self.make_safe()
+
     def reset(self) -> None:
         """Release the supervisor's latch after a trip that a person has dealt with; the rig is taken to SAFE first.
 
@@ -326,11 +349,12 @@ class Rig:
         """
         if self._closed and self.safe_report is not None:
             return self.safe_report
-        report = self.make_safe()
-        self._closed = True
-        self._supervisor.stop()
-        self._witnessing.close()
-        self._instruments.close(self._notify)
+        with self._closing:
+            report = self.make_safe()
+            self._closed = True
+            self._observing.close()
+            self._supervisor.stop()
+            self._instruments.close(self._notify)
         # Where only the gauge's zero is off, the guard could do no more, and would keep the port from a tare.
         if report.safe or report.only_zero_is_off:
             self._guard.stand_down()

@@ -54,7 +54,8 @@ class Supervisor:
     """Watches one rig. `late_s` holds how late the newest of its looks began, at most 13 minutes of them.
 
     `safe_report` is what was last read back on the way to SAFE; None before that, and from when anything is energised
-    until then. Its own time is the wall's whatever the rig's, because instruments answer in the wall's time.
+    until then; `channels_on` the valves as they were last read. Its own time is the wall's whatever the rig's,
+    because instruments answer in the wall's time.
 
     Args:
         regulator: the rig's regulator.
@@ -100,6 +101,7 @@ class Supervisor:
         self._ending = scheduler.event()
         self.late_s: deque[float] = deque(maxlen=1 << 14)
         self.safe_report: SafeReport | None = None
+        self.channels_on: frozenset[int] | None = None
         self.trip_reason: str | None = None
         self._trip_report: SafeReport | None = None
         self._expected: Expected | None = None
@@ -172,6 +174,7 @@ class Supervisor:
             expected = replace(expected, setpoint_psi=setpoint_psi)
         if channels_on is not None:
             expected = replace(expected, channels_on=channels_on)
+            self.channels_on = channels_on
         self._set_expected(replace(expected, mode=mode or expected.mode))
 
     def make_safe(self) -> SafeReport:
@@ -193,6 +196,7 @@ class Supervisor:
                 self._armed = False
                 self._guard.safe()
             self.safe_report = report
+            self.channels_on = report.channels_on
         return report
 
     def reset(self) -> None:
@@ -301,6 +305,7 @@ class Supervisor:
                 return f"the valves could not be read for {unread_s:.2f} s (last error: {error})"
             return None
         self._valves_seen_s = self._scheduler.now_s()
+        self.channels_on = channels_on
         return valves_reason(channels_on, expected)
 
     def _judge_lag(self, reading: PressureReading, expected: Expected) -> str | None:
