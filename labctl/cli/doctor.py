@@ -262,7 +262,27 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
     ]
     if unseen:
         findings.append(Finding(source.name, "missing", f"markers never seen: {', '.join(unseen)}"))
-    return findings
+    return [*findings, _sheet_witness(config, len(ids) - len(unseen))]
+
+
+def _sheet_witness(config: "RigConfig", seen: int) -> Finding:
+    from labctl.safety.sheet_motion import FEWEST_MARKERS
+
+    limits = config.limits
+    subject = "witness of the gauge"
+    if seen < FEWEST_MARKERS:
+        return Finding(
+            subject,
+            "missing",
+            f"{seen} markers are seen and {FEWEST_MARKERS} are needed: nothing is pressurised without them",
+        )
+    return Finding(
+        subject,
+        "ok",
+        f"the sheet, by {seen} markers: vents when they move on at a standing reading by more than a sheet that "
+        f"comes to rest (limits.sheet_response {limits.sheet_response_s:g} s, limits.sheet_creep "
+        f"{limits.sheet_creep:g}), or are not seen for {limits.unseen_after_s:g} s",
+    )
 
 
 def _guard(config: "RigConfig", platform: "Platform") -> list[Finding]:
@@ -344,6 +364,14 @@ def _protections(config: "RigConfig") -> list[Finding]:
             "missing",
             "none is documented for this board: it keeps its relays when the wire "
             "falls silent. The guard process is the only dead-man; use normally-closed vacuum valves",
+        ),
+        Finding(
+            "false gauge",
+            "unknown",
+            f"a reading that stands over {limits.rest_within_psi:g} psi from its setpoint is vented after "
+            f"{limits.still_after_s:g} s. One that stands nearer, and any that no witness contradicts, lets the "
+            "regulator fill the sheet up to its supply pressure, which cannot be read from here; only the relief "
+            "valve ends that",
         ),
         Finding(
             "relief valve",

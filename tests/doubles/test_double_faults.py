@@ -32,6 +32,9 @@ def test_a_gauge_may_be_off_in_either_direction():
         ("valves=stuck-exhaust", "valves has no fault 'stuck-exhaust'; allowed: .*valves= .*stuck-coils"),
         ("markers=late", "write markers=late:SECONDS"),
         ("markers=silent:3", "it takes no value"),
+        ("regulator=drifting-sensor", "write regulator=drifting-sensor:PSI-PER-SECOND"),
+        ("regulator=drifting-sensor:-1", "psi-per-second is '-1'; it must be a number of at least 0"),
+        ("markers=frozen-answer", "markers has no fault 'frozen-answer'"),
         ("markers=late:soon", "seconds is 'soon'; it must be a number of at least 0"),
         ("markers=late:-1", "at least 0"),
         ("markers=late:nan", "seconds is 'nan'"),
@@ -105,3 +108,14 @@ def test_fault_begins_once_the_pressure_has_been_reached_and_stays(clock):
     assert panel.active("silent") is None
     highest_psi = 3.0
     assert panel.active("silent") is not None
+
+
+def test_a_frozen_answer_is_the_last_one_whatever_is_asked(line):
+    faults = line("frozen-answer@1psi")
+    highest_psi = [0.0]
+    faults.panel.follow(lambda: highest_psi[0])
+    assert faults.deliver(b"first").data == b"first"
+    assert faults.deliver(b"second").data == b"second"
+    highest_psi[0] = 1.0
+    assert faults.deliver(b"third").data == b"second"
+    assert faults.deliver(b"fourth").data == b"second"
