@@ -13,7 +13,7 @@ from labctl.clock import Clock
 from labctl.errors import BadInput
 
 Instrument = Literal["regulator", "valves", "markers"]
-Argument = Literal["", "seconds", "psi", "count", "channel"]
+Argument = Literal["", "seconds", "psi", "count", "channel", "percent", "mm", "markers"]
 
 _ANY_REPLY: dict[str, Argument] = {
     "silent": "",
@@ -41,9 +41,24 @@ ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
         "valves": MappingProxyType(
             {**_ANY_REPLY, "wrong-address": "", "stuck-coils": "", "stuck-coil": "channel"}
         ),
-        "markers": MappingProxyType({**_ANY_REPLY, "blind": ""}),
+        "markers": MappingProxyType(
+            {
+                **_ANY_REPLY,
+                "blind": "",
+                "outliers": "percent",
+                "scattered": "percent",
+                "twice": "percent",
+                "not-a-number": "percent",
+                "burst": "seconds",
+                "mirrored": "mm",
+                "swapped": "markers",
+                "ghosts": "count",
+            }
+        ),
     }
 )
+#: Kinds that may name the markers that have them.
+OF_SOME_MARKERS = frozenset({"outliers", "scattered", "twice", "not-a-number", "burst", "mirrored"})
 
 
 @dataclass(frozen=True)
@@ -58,7 +73,11 @@ class Fault:
     analog); `stuck-exhaust` (EXH is reported, the valve stays shut); `overpressure` (the inlet sticks open);
     `frozen-sensor`, `low-sensor` (the reading stays, or is -2 psi; the controller opens its inlet for it).
     Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only).
-    Markers: `blind` (every marker occluded).
+    Markers: `blind` (every marker occluded). Of the markers `ids`, the first one where none is named, each with a
+    good condition: `outliers` (`value` percent of its frames at 0, 0, 0), `scattered` (anywhere within 3 m), `twice`
+    (a second record of the same id elsewhere), `not-a-number` (NaN or infinite); `burst` (once in 2 s for
+    `value` seconds at one wrong place); `mirrored` (`value` mm above where it is). `swapped`: the markers `ids` have each the
+    next one's place, for `value` seconds where that is not 0. `ghosts`: `value` records of ids that no marker has.
 
     It begins once the plant time is `from_s` and the plant's pressure has been `from_psi`, for good.
     """
@@ -67,6 +86,7 @@ class Fault:
     value: float = 0.0
     from_s: float = 0.0
     from_psi: float = 0.0
+    ids: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -111,8 +131,9 @@ def _format_allowed() -> str:
     for instrument, kinds in ALLOWED.items():
         shown = (kind + (f":{argument.upper()}" if argument else "") for kind, argument in kinds.items())
         parts.append(f"{instrument}= {', '.join(shown)}")
+    some = f"{', '.join(sorted(OF_SOME_MARKERS))} may name markers, as in outliers:5,3+7; swapped:3+7,SECONDS ends"
     when = "each may end in @SECONDS or @PSIpsi, the plant's time or pressure at which it begins"
-    return "; ".join((*parts, when))
+    return "; ".join((*parts, some, when))
 
 
 def _parse_kind(text: str, instrument: Instrument, rest: str) -> Fault:
@@ -124,12 +145,38 @@ def _parse_kind(text: str, instrument: Instrument, rest: str) -> Fault:
     if bool(argument) != bool(colon):
         advice = f"write {instrument}={kind}:{argument.upper()}" if argument else "it takes no value"
         raise BadInput(f"fault {text!r}: {advice}")
-    value = _number(text, argument, value_text) if argument else 0.0
+    fault = _valued(text, kind, argument, value_text)
     if not at:
-        return Fault(kind, value)
+        return fault
     if from_text.endswith("psi"):
-        return Fault(kind, value, from_psi=_number(text, "psi", from_text.removesuffix("psi")))
-    return Fault(kind, value, from_s=_number(text, "seconds", from_text))
+        return replace(fault, from_psi=_number(text, "psi", from_text.removesuffix("psi")))
+    return replace(fault, from_s=_number(text, "seconds", from_text))
+
+
+def _valued(text: str, kind: str, argument: Argument, value_text: str) -> Fault:
+    """The fault with its value and the markers that it names."""
+    if not argument:
+        return Fault(kind)
+    if argument == "markers":
+        ids_text, _, lasts_text = value_text.partition(",")
+        ids = _ids(text, ids_text)
+        if len(ids) < 2:
+            raise BadInput(
+                f"fault {text!r}: places are changed by two markers or more, as in markers=swapped:3+7"
+            )
+        return Fault(kind, _number(text, "seconds", lasts_text) if lasts_text else 0.0, ids=ids)
+    if kind in OF_SOME_MARKERS:
+        value_text, comma, ids_text = value_text.partition(",")
+        ids = _ids(text, ids_text) if comma else ()
+        return Fault(kind, _number(text, argument, value_text.removesuffix("%")), ids=ids)
+    return Fault(kind, _number(text, argument, value_text))
+
+
+def _ids(text: str, ids_text: str) -> tuple[int, ...]:
+    words = [word.strip() for word in ids_text.split("+")]
+    if not all(word.isdecimal() for word in words) or len(set(words)) < len(words):
+        raise BadInput(f"fault {text!r}: {ids_text!r} are no marker ids; write them as 3+7, each once")
+    return tuple(int(word) for word in words)
 
 
 def _number(text: str, what: Argument, value_text: str) -> float:
@@ -138,9 +185,12 @@ def _number(text: str, what: Argument, value_text: str) -> float:
     except ValueError:
         value = math.nan
     lowest = 1.0 if what == "channel" else 0.0
-    whole = what in ("seconds", "psi") or value.is_integer()
+    broken = what in ("seconds", "psi", "percent", "mm")
+    whole = broken or value.is_integer()
+    if what == "percent" and value > 100:
+        raise BadInput(f"fault {text!r}: {value_text!r} is more than 100 percent of a marker's frames")
     if not math.isfinite(value) or value < lowest or not whole:
-        kind = "a number" if what in ("seconds", "psi") else "a whole number"
+        kind = "a number" if broken else "a whole number"
         raise BadInput(f"fault {text!r}: {what} is {value_text!r}; it must be {kind} of at least {lowest:g}")
     return value
 
@@ -171,6 +221,10 @@ class FaultPanel:
             if fault.kind == kind and self._begun(fault):
                 return fault
         return None
+
+    def all_active(self, kind: str) -> tuple[Fault, ...]:
+        """Every fault of that kind that has begun."""
+        return tuple(fault for fault in self._faults if fault.kind == kind and self._begun(fault))
 
     def _begun(self, fault: Fault) -> bool:
         return self._clock.now_s() - self._origin_s >= fault.from_s and self._highest_psi() >= fault.from_psi

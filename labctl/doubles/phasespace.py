@@ -1,12 +1,14 @@
 """A PhaseSpace server, whatever carries its bytes: several clients, one stream of marker frames."""
 
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
 from labctl.clock import Clock
 from labctl.doubles.faults import Delivery, LineFaults
-from labctl.doubles.markers import Cameras, MarkerBatch, MarkerSettings
+from labctl.doubles.marker_faults import MarkerBatch
+from labctl.doubles.markers import Cameras, MarkerSettings
 from labctl.doubles.phasespace_packets import Packet, encode_frames, take_packet
 from labctl.doubles.phasespace_session import NAMES, Hub, Session
 from labctl.doubles.plant import Plant
@@ -73,9 +75,8 @@ class PhaseSpaceDevice:
         self._plant = plant
         self._clock = clock
         self._origin_s = clock.now_s() - plant.state().time_s
-        self._cameras = Cameras(settings, rng, plant.state().time_s)
-        self._ids = np.array([point.id for point in settings.points], dtype=np.int64)
-        self._hub = Hub({int(number): 0 for number in self._ids})
+        self._cameras = Cameras(settings, rng, plant.state().time_s, faults.panel)
+        self._hub = Hub({point.id: 0 for point in settings.points})
         self._clients: list[ClientEnd] = []
 
     @property
@@ -114,11 +115,9 @@ class PhaseSpaceDevice:
 
     def _encoded(self, batch: MarkerBatch, data_name: int | None) -> list[bytes]:
         if self.faults.panel.active("blind"):
-            batch = MarkerBatch(
-                batch.times_s, batch.numbers, batch.positions_mm, np.full_like(batch.cond, -1.0)
-            )
+            batch = replace(batch, cond=np.full_like(batch.cond, -1.0))
         counts = batch.numbers
         if self._hub.timebase is not None:
             num, den = self._hub.timebase
             counts = np.rint(batch.times_s * den / num).astype(np.int64)
-        return encode_frames(batch, self._ids, counts, NAMES["raw"], data_name)
+        return encode_frames(batch, batch.ids, counts, NAMES["raw"], data_name)
