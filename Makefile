@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-rig clean
+.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-rig bench-markers clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -42,6 +42,9 @@ bench-kill: $(INSTALLED)  ## kill -9 at 200 random moments of a run: about half 
 
 bench-rig: $(INSTALLED)  ## ingest, recording and the supervisor under 72 markers at 960 Hz: about 12 minutes
 	$(BIN)/python bench/rig_load.py --out runs/bench/rig.json
+
+bench-markers: $(INSTALLED)  ## 1 000 random things that markers do, and whether a height is ever wrong: about 10 minutes
+	PYTHONPATH=tests $(BIN)/python bench/marker_faults.py
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

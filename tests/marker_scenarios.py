@@ -169,7 +169,9 @@ def as_frames(batches: list[MarkerBatch]):
 
 
 def windows(pressure_psi):
-    return (BASELINE, Window("level", *PLATEAU_S, pressure_psi), Window("relaxing", VENT_S, END_S - 0.5))
+    """A sheet that was not inflated has no way back."""
+    marked = (BASELINE, Window("level", *PLATEAU_S, pressure_psi))
+    return (*marked, Window("relaxing", VENT_S, END_S - 0.5)) if pressure_psi else marked
 
 
 def measured(recording, frames, law=2):
@@ -214,7 +216,7 @@ class Scenario:
 
     @property
     def recording(self):
-        return clean(self.rig, self.shape, self.height_mm, self.pressure_psi, self.seed % 3)
+        return clean(self.rig, self.shape, self.height_mm, self.pressure_psi, self.seed % 2)
 
 
 @dataclass
@@ -337,7 +339,7 @@ def judge(scenario, law=2):
     recording = scenario.recording
     result = measured(recording, shown(recording, scenario.words, scenario.seed), law)
     undisturbed = _undisturbed(
-        scenario.rig, scenario.shape, scenario.height_mm, scenario.pressure_psi, scenario.seed % 3
+        scenario.rig, scenario.shape, scenario.height_mm, scenario.pressure_psi, scenario.seed % 2
     )
     truth_mm = true_heights_mm(recording)
     judged = Judged()

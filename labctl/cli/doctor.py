@@ -14,9 +14,12 @@ from labctl.cli.rigs import chosen_rig
 if TYPE_CHECKING:
     from labctl.config.rig import RigConfig
     from labctl.instruments.readings import Identity
+    from labctl.mocap.gate import GatedFrames
     from labctl.rig.platform import Platform
 
 _MARKER_LOOK_S = 1.0
+# One may be the noise's.
+_FEWEST_ASTRAY = 2
 
 
 @dataclass(frozen=True)
@@ -135,6 +138,7 @@ def _valves(config: "RigConfig", platform: "Platform") -> list[Finding]:
 
 def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
     from labctl.drivers.opening import open_markers
+    from labctl.mocap.gate import gate
     from labctl.mocap.window import average
     from labctl.rig.marker_feed import MarkerFeed
 
@@ -151,7 +155,8 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
         feed.close()
         source.close()
     ids = [point.id for point in config.markers.points]
-    window = average(frames, ids)
+    gated = gate(frames, ids)
+    window = average(gated.frames, ids)
     unseen = [str(marker) for marker, seen in zip(ids, window.seen, strict=True) if seen == 0]
     findings = [
         Finding(source.name, "ok", who),
@@ -163,7 +168,24 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
     ]
     if unseen:
         findings.append(Finding(source.name, "missing", f"markers never seen: {', '.join(unseen)}"))
+    findings += _astray(source.name, ids, gated, config.measurement.max_left_out)
     return findings
+
+
+def _astray(name: str, ids: list[int], gated: "GatedFrames", most: float) -> list[Finding]:
+    """Markers of which single frames are far from their median, and those that have too many of them."""
+    told: dict[str, list[str]] = {"ok": [], "missing": []}
+    for marker, shown, out, is_scattered in zip(
+        ids, gated.shown.tolist(), gated.left_out.tolist(), gated.is_scattered.tolist(), strict=True
+    ):
+        if is_scattered or out >= _FEWEST_ASTRAY:
+            hopeless = is_scattered or out > most * shown
+            told["missing" if hopeless else "ok"].append(f"{marker} in {out} of {shown} frames")
+    words = {
+        "ok": "these frames are left out: markers {} far from the median; look for mirrors and sunlight",
+        "missing": "not to be trusted: markers {} far from the median, or all over; look for mirrors and sunlight",
+    }
+    return [Finding(name, kind, words[kind].format(", ".join(each))) for kind, each in told.items() if each]
 
 
 def _guard(config: "RigConfig", platform: "Platform") -> list[Finding]:

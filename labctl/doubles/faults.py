@@ -76,8 +76,9 @@ class Fault:
     Markers: `blind` (every marker occluded). Of the markers `ids`, the first one where none is named, each with a
     good condition: `outliers` (`value` percent of its frames at 0, 0, 0), `scattered` (anywhere within 3 m), `twice`
     (a second record of the same id elsewhere), `not-a-number` (NaN or infinite); `burst` (once in 2 s for
-    `value` seconds at one wrong place); `mirrored` (`value` mm above where it is). `swapped`: the markers `ids` have each the
-    next one's place, for `value` seconds where that is not 0. `ghosts`: `value` records of ids that no marker has.
+    `value` seconds at one wrong place); `mirrored` (`value` mm above where it is). `swapped`: the markers `ids` have
+    each the next one's place, for `value` seconds where that is not 0. `ghosts`: `value` records of ids that no
+    marker has.
 
     It begins once the plant time is `from_s` and the plant's pressure has been `from_psi`, for good.
     """

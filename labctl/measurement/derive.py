@@ -13,7 +13,7 @@ from labctl.measurement.law import NEWEST, PLAIN_MEANS
 from labctl.measurement.level import measure_level
 from labctl.measurement.recording import lay_out
 from labctl.measurement.relaxation import measure_relaxation
-from labctl.measurement.result import DoubtedPoint, LevelResult, RelaxationResult, TrialResult
+from labctl.measurement.result import DoubtedPoint, LevelResult, RelaxationResult, TrialResult, level_name
 from labctl.measurement.uninflated import uninflated_sheet
 from labctl.measurement.windows import Window
 
@@ -49,7 +49,7 @@ def derive(
         elif window.kind == "relaxing" and sheet is not None:
             relaxation, found, doubts = measure_relaxation(recording, window, sheet)
         problems = (*problems, *found)
-        name = window.kind if window.pressure_psi is None else f"{window.pressure_psi:g} psi"
+        name = window.kind if window.pressure_psi is None else level_name(window.pressure_psi)
         doubted += _doubted(basis, name, doubts)
     left_out = None if sheet is None or law == PLAIN_MEANS else sheet.sight.left_out
     return TrialResult(

@@ -19,6 +19,8 @@ from labctl.mocap.sheet_frame import SheetFrame
 from labctl.mocap.transfer_error import TransferError, transfer_error
 from labctl.mocap.window import average
 
+_MOST_TOLD = 3
+
 Floats = NDArray[np.float64]
 
 
@@ -36,15 +38,17 @@ def measure_level(
     sight = recording.sight_between(window.start_s, window.end_s)
     heights_mm, sd_mm = np.full((2, len(basis.points)), np.nan)
     doubts: Mapping[int, str] = {}
+    all_doubts: Mapping[int, str] = {}
     if sheet is not None and sight is not None:
         sight = identified(recording, sheet, sight, window.start_s, window.end_s)
         # One that is doubted on the uninflated sheet is named there.
         doubts = {marker: why for marker, why in sight.doubts.items() if marker not in sheet.sight.doubts}
+        all_doubts = {**doubts, **sheet.sight.doubts}
         heights_mm = inflation_heights_mm(sheet.window, sight.window, sheet.frame)
         sd_mm = _height_sd_mm(sight.frames, basis, sheet.frame)
     problems = [
         recording.flow_problem(len(frames), window.start_s, window.end_s),
-        _sight_problem(heights_mm, basis) if sheet is not None and sight is not None else None,
+        None if sheet is None or sight is None else _points_problem(heights_mm, basis, all_doubts),
         _hold_problem(gauge_psi, pressure_psi, window, basis.tolerance_psi),
         None if sight is None else recording.left_out_problem(sight),
     ]
@@ -104,6 +108,24 @@ def _sight_problem(heights_mm: Floats, basis: Basis) -> str | None:
         f"{found} of {len(heights_mm)} markers were seen in at least {basis.min_share:.0%} of the frames, here and "
         f"on the uninflated sheet, and at least {basis.min_points} are needed (measurement.min_points); not seen: "
         f"{', '.join(unseen)}. Clear the cameras' view of them, or lower the pressure"
+    )
+
+
+def _points_problem(heights_mm: Floats, basis: Basis, doubts: Mapping[int, str]) -> str | None:
+    """What is wrong where too few points have a height: markers that were not shown, or are not to be trusted."""
+    found = int(np.isfinite(heights_mm).sum())
+    if not doubts or found >= basis.min_points:
+        return _sight_problem(heights_mm, basis)
+    hidden = [
+        str(basis.points[index].id) for index in np.flatnonzero(np.isnan(heights_mm)) if index not in doubts
+    ]
+    told = [f"marker {basis.points[index].id}: {doubts[index]}" for index in sorted(doubts)]
+    more = f"; and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
+    rarely = f"too rarely shown: {', '.join(hidden)}; " if hidden else ""
+    return (
+        f"{found} of {len(heights_mm)} markers have a height, and at least {basis.min_points} are needed "
+        f"(measurement.min_points); {rarely}shown and not taken for seen: {len(told)}. "
+        f"{'; '.join(told[:_MOST_TOLD])}{more}"
     )
 
 

@@ -53,6 +53,11 @@ class LevelResult:
     left_out: tuple[int, ...] = since(2, ())
 
 
+def level_name(pressure_psi: float) -> str:
+    """How a level's window is called in problems and doubts."""
+    return f"{pressure_psi:g} psi"
+
+
 @dataclass(frozen=True)
 class DoubtedPoint:
     """A point that is not taken for seen although its marker was: `point` counts from 1 in the rig's order.
@@ -110,3 +115,8 @@ class TrialResult:
     law: int = since(2, 1)
     doubted: tuple[DoubtedPoint, ...] = since(2, ())
     baseline_left_out: tuple[int, ...] = since(2, ())
+
+    def doubted_at(self, level: LevelResult) -> tuple[DoubtedPoint, ...]:
+        """The points that have no height at a level because they were doubted, there or on the uninflated sheet."""
+        windows = ("baseline", level_name(level.pressure_psi))
+        return tuple(each for each in self.doubted if each.window in windows)

@@ -63,7 +63,7 @@ def _unsteady(gated: GatedFrames, basis: Basis) -> dict[int, str]:
     ):
         if gated.is_scattered[marker]:
             doubts[marker] = (
-                f"its place scatters by {gated.scatter_mm[marker]:.3g} mm from frame to frame, so that even the "
+                f"its place scatters by {gated.scatter_mm[marker]:.1f} mm from frame to frame, so that even the "
                 "median is not to be trusted"
             )
         elif left_out > basis.max_left_out * shown:
