@@ -8,9 +8,7 @@ from labctl.measurement.recording import Recording
 from labctl.measurement.sight import Sight
 from labctl.measurement.uninflated import UninflatedSheet
 from labctl.mocap.places import misplaced, named, torn_off
-
-# Less comes from the medians' own noise when a marker jumps and comes back.
-OFF_MM = 0.3
+from labctl.mocap.tracks import OFF_MM
 
 Floats = NDArray[np.float64]
 

@@ -59,7 +59,8 @@ class Recording:
             return None
         if self.law == PLAIN_MEANS:
             return plain_sight(frames, self.basis)
-        return gated_sight(frames, self.basis, slack_mm)
+        first, last = np.searchsorted(self.lab_s, [start_s, end_s])
+        return gated_sight(frames, self.basis, slack_mm, self.tracks.astray(self.lab_s[first:last]))
 
     def gauge_psi_between(self, start_s: float, end_s: float) -> Floats:
         """The finite pressure readings from `start_s` to `end_s`, (n,)."""

@@ -41,9 +41,9 @@ def plain_sight(frames: MarkerFrames, basis: Basis) -> Sight:
     return Sight(frames, average(frames, _ids(basis), basis.min_share), None, 0.0, {})
 
 
-def gated_sight(frames: MarkerFrames, basis: Basis, slack_mm: ArrayLike = 0.0) -> Sight:
-    """Single frames that are far from the median are left out; a marker with too many of them is doubted."""
-    gated = gate(frames, _ids(basis), slack_mm)
+def gated_sight(frames: MarkerFrames, basis: Basis, slack_mm: ArrayLike, astray: NDArray[np.bool_]) -> Sight:
+    """Single frames far from the median, and those `astray` (k, m), are left out; too many of them are a doubt."""
+    gated = gate(frames, _ids(basis), slack_mm, astray)
     window = average(gated.frames, _ids(basis), basis.min_share)
     shown = int(gated.shown.sum())
     sight = Sight(

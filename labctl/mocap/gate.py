@@ -38,25 +38,34 @@ class GatedFrames:
     is_scattered: NDArray[np.bool_]
 
 
-def gate(frames: MarkerFrames, ids: Sequence[int], slack_mm: ArrayLike = 0.0) -> GatedFrames:
+def gate(
+    frames: MarkerFrames,
+    ids: Sequence[int],
+    slack_mm: ArrayLike = 0.0,
+    astray: NDArray[np.bool_] | None = None,
+) -> GatedFrames:
     """Leave out what is farther than 4.5 robust standard deviations from the marker's median, on any axis.
 
     The scale is the median absolute deviation. `slack_mm`, one or (m,), is added to the limit where the sheet itself
-    moves within the window.
+    moves within the window. `astray` (k, m) are samples that are left out whatever their distance, and of which no
+    median is made.
     """
-    cells_mm, sources = sample_places(frames, ids)
+    shown_mm, sources = sample_places(frames, ids)
+    cells_mm = shown_mm if astray is None else np.where(astray[:, :, None], np.nan, shown_mm)
     middle_mm = medians(cells_mm)
     apart_mm = np.abs(cells_mm - middle_mm)
     sd_mm = SD_PER_MAD * medians(apart_mm)
     limit_mm = np.maximum(FARTHEST_SD * sd_mm, NEAREST_MM) + np.broadcast_to(slack_mm, len(ids))[:, None]
     is_far = (apart_mm > limit_mm).any(axis=2)
+    if astray is not None:
+        is_far |= astray & (sources >= 0)
     cond = frames.cond.copy()
     cond[sources[is_far]] = -1.0
     scatter_mm = sd_mm.max(axis=1)
     usual_mm = float(np.median(scatter_mm[np.isfinite(scatter_mm)])) if np.isfinite(scatter_mm).any() else 0.0
     return GatedFrames(
         frames=replace(frames, cond=cond),
-        shown=np.isfinite(cells_mm[:, :, 0]).sum(axis=0).astype(np.int64),
+        shown=np.isfinite(shown_mm[:, :, 0]).sum(axis=0).astype(np.int64),
         left_out=is_far.sum(axis=0).astype(np.int64),
         scatter_mm=scatter_mm,
         is_scattered=scatter_mm > max(LARGEST_SCATTER_MM, LARGEST_SCATTER_RATIO * usual_mm),

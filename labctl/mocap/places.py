@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations, islice
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,8 +17,10 @@ FEWEST_MARKERS = 4
 MOST_STRETCH = 1.5
 STRETCH_MARGIN_MM = 2.0
 NEIGHBOURS = 3
-_ROUNDS = 30
-_SOFT_MM = 0.01
+_ROUNDS = 4
+_MOST_TRIPLES = 600
+# Three markers nearly on a line fix no motion.
+_FLATTEST = 0.05
 
 Floats = NDArray[np.float64]
 
@@ -39,17 +42,16 @@ def misplaced(uninflated_mm: ArrayLike, seen_mm: ArrayLike) -> tuple[Misplaced, 
         seen_mm: where the markers are now, x and y in the same frame, (m, 2); NaN where not seen.
 
     The sheet's own motion is a shift, a turn and a stretch along two axes, fitted so that most markers have it
-    (least absolute distances); of fewer than eight markers a shift. Of fewer than four nothing is said.
+    (least median of squares); of fewer than eight markers a shift. Of fewer than four nothing is said.
     """
     points_mm, places_mm = np.asarray(uninflated_mm, np.float64), np.asarray(seen_mm, np.float64)
     used = np.flatnonzero(np.isfinite(places_mm[:, 0]) & np.isfinite(points_mm[:, 0]))
     if len(used) < FEWEST_MARKERS:
         return ()
-    expected_mm = _carried(points_mm, points_mm[used], places_mm[used])
+    near_mm = FARTHEST_SHARE * _nearest_mm(points_mm)
+    expected_mm = _carried(points_mm, points_mm[used], places_mm[used], float(near_mm.min()))
     # The way to the nearest other point, on the sheet as it is now.
-    apart_mm = _distances(expected_mm, expected_mm)
-    np.fill_diagonal(apart_mm, np.inf)
-    allowed_mm = FARTHEST_SHARE * np.nanmin(np.where(np.isfinite(apart_mm), apart_mm, np.inf), axis=1)
+    allowed_mm = FARTHEST_SHARE * _nearest_mm(expected_mm)
     to_points_mm = _distances(places_mm, expected_mm)
     found = []
     for index in used.tolist():
@@ -83,24 +85,51 @@ def torn_off(uninflated_mm: ArrayLike, seen_mm: ArrayLike) -> tuple[Misplaced, .
     )
 
 
-def _carried(points_mm: Floats, from_mm: Floats, to_mm: Floats) -> Floats:
-    """Where `points_mm` (n, 2) go by the motion that takes most of `from_mm` (k, 2) to `to_mm` (k, 2)."""
+def _carried(points_mm: Floats, from_mm: Floats, to_mm: Floats, near_mm: float) -> Floats:
+    """Where `points_mm` (n, 2) go by the motion that takes most of `from_mm` (k, 2) to `to_mm` (k, 2).
+
+    Of the motions that three markers fix, the one whose median miss is least (least median of squares), fitted again
+    to all markers that it misses by no more than `near_mm`. Source: Rousseeuw, J. Am. Stat. Assoc. 79 (1984) 871.
+    """
     shift_mm = np.median(to_mm - from_mm, axis=0)
     if len(from_mm) < FEWEST_FOR_STRETCH:
         moved: Floats = points_mm + shift_mm
         return moved
     origin_mm = from_mm.mean(axis=0)
     columns = np.column_stack([from_mm - origin_mm, np.ones(len(from_mm))])
-    # What is left after the shift, so that the first weights already see who is far off.
-    left_mm = to_mm - from_mm - shift_mm
-    motion: Floats = np.zeros((3, 2))
+    motion = _least_median(columns, to_mm)
     for _ in range(_ROUNDS):
-        misses_mm = left_mm - columns @ motion
-        weights = 1 / np.sqrt(np.hypot(misses_mm[:, 0], misses_mm[:, 1]) + _SOFT_MM)[:, None]
-        motion = np.asarray(np.linalg.lstsq(columns * weights, left_mm * weights, rcond=None)[0], np.float64)
-    all_columns = np.column_stack([points_mm - origin_mm, np.ones(len(points_mm))])
-    carried: Floats = points_mm + shift_mm + all_columns @ motion
+        near = np.hypot(*(to_mm - columns @ motion).T) <= near_mm
+        if near.sum() < FEWEST_MARKERS:
+            break
+        motion = np.asarray(np.linalg.lstsq(columns[near], to_mm[near], rcond=None)[0], np.float64)
+    carried: Floats = np.column_stack([points_mm - origin_mm, np.ones(len(points_mm))]) @ motion
     return carried
+
+
+def _least_median(columns: Floats, to_mm: Floats) -> Floats:
+    """The affine motion (3, 2) through three of the markers that has the least median miss over all of them."""
+    triples = np.array(list(islice(combinations(range(len(columns)), 3), _MOST_TRIPLES + 1)))
+    if len(triples) > _MOST_TRIPLES:
+        # Always the same ones: a recording gives the same numbers again.
+        drawn = np.random.default_rng(0).random((_MOST_TRIPLES, len(columns)))
+        triples = np.argsort(drawn, axis=1)[:, :3]
+    corners = columns[triples]
+    areas = np.abs(np.linalg.det(corners))
+    usable = areas > _FLATTEST * areas.max()
+    motions: Floats = np.linalg.solve(corners[usable], to_mm[triples[usable]])
+    misses_mm = to_mm - columns @ motions
+    medians_mm = np.median(np.hypot(misses_mm[:, :, 0], misses_mm[:, :, 1]), axis=1)
+    best: Floats = motions[int(medians_mm.argmin())]
+    return best
+
+
+def _nearest_mm(points_mm: Floats) -> Floats:
+    """How far the nearest other point is, (n,)."""
+    apart_mm = _distances(points_mm, points_mm)
+    np.fill_diagonal(apart_mm, np.inf)
+    nearest: Floats = np.where(np.isfinite(apart_mm), apart_mm, np.inf).min(axis=1)
+    return nearest
 
 
 def _distances(one_mm: Floats, other_mm: Floats) -> Floats:

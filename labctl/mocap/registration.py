@@ -78,8 +78,13 @@ def _all_or_nothing(
 ) -> Registration:
     """Nothing, where too few markers fit each other; the refusal of all of them, where that has one."""
     is_seen = np.isfinite(seen_mm[:, 0])
-    if is_seen.sum() < FEWEST_MARKERS or _scale(points_mm, seen_mm, is_seen) is not None:
-        # Too few, on one line, or of another size: said as ever.
+    if is_seen.sum() < FEWEST_MARKERS:
+        return Registration(fit_sheet_frame(ids, points_mm, seen_mm, up), ())
+    scale = _scale(points_mm, seen_mm, is_seen)
+    if scale is not None:
+        alike = _consistent(points_mm, seen_mm / scale, is_seen)
+        if alike.sum() >= FEWEST_MARKERS:
+            seen_mm = np.where(alike[:, None], seen_mm, np.nan)
         return Registration(fit_sheet_frame(ids, points_mm, seen_mm, up), ())
     raise FrameRefused(
         f"{fitting} of the {is_seen.sum()} markers that were seen on the uninflated sheet lie as their sheet points "

@@ -26,8 +26,12 @@ OTHERS_SHARE = 0.75
 OTHERS_TIMES = 3.0
 # A marker that comes back to within this of where it would be has come back.
 BACK_WITHIN_MM = 0.6
+# Less comes from the medians' own noise when a marker jumps and comes back.
+OFF_MM = 0.3
+# So many blocks a marker may be away without counting as moved.
+PATIENCE = 4
 # Over a longer gap a speed says nothing any more.
-LONGEST_STRIDE = 3
+LONGEST_STRIDE = 6
 
 Floats = NDArray[np.float64]
 
@@ -49,6 +53,14 @@ class Tracks:
         inside = (self.starts_s + self.block_s > start_s) & (self.starts_s < end_s)
         return medians(self.off_mm[inside])
 
+    def astray(self, times_s: Floats) -> NDArray[np.bool_]:
+        """Which markers are elsewhere at `times_s` (k,) than at most of these times, (k, m)."""
+        blocks = np.searchsorted(self.starts_s, times_s, side="right") - 1
+        off_mm = self.off_mm[blocks.clip(min=0)]
+        away_mm = off_mm - medians(off_mm)
+        far: NDArray[np.bool_] = np.sqrt((away_mm**2).sum(axis=2)) > OFF_MM
+        return far
+
 
 def follow(frames: MarkerFrames, times_s: Floats, ids: Sequence[int], frequency_hz: float) -> Tracks:
     """Follow the markers `ids` (m,) through frames with rising `times_s` (k,), in blocks of 0.1 s or 9 frames."""
@@ -68,39 +80,73 @@ def _middle_mm(frames: MarkerFrames, ids: Sequence[int]) -> Floats:
 
 
 def _offsets_mm(middles_mm: Floats) -> Floats:
-    blocks, markers, _ = middles_mm.shape
-    off_mm: Floats = np.full_like(middles_mm, np.nan)
-    offset_mm, speed_mm = np.zeros((markers, 3)), np.zeros((markers, 3))
-    last = np.full(markers, -1)
-    for block in range(blocks):
-        here_mm = middles_mm[block]
+    state = _Following(middles_mm)
+    for block in range(len(middles_mm)):
+        state.look_at(block)
+    return state.off_mm
+
+
+class _Following:
+    """What is known of the markers up to a block: where each was last itself, how fast, and how far off it is by now.
+
+    A marker that is away is given a few blocks to come back to where it was going; only then it counts as being at
+    another place, which it is followed from.
+    """
+
+    def __init__(self, middles_mm: Floats) -> None:
+        self._middles_mm = middles_mm
+        _, markers, _ = middles_mm.shape
+        self.off_mm: Floats = np.full_like(middles_mm, np.nan)
+        self._speed_mm = np.zeros_like(middles_mm)
+        self._offset_mm = np.zeros((markers, 3))
+        self._last = np.full(markers, -1)
+        self._away = np.zeros(markers, dtype=np.int64)
+        self._away_mm = np.zeros((markers, 3))
+
+    def look_at(self, block: int) -> None:
+        here_mm, markers = self._middles_mm[block], np.arange(len(self._last))
         is_there = np.isfinite(here_mm[:, 0])
-        follows = is_there & (last >= 0)
-        stride = (block - last)[:, None]
-        before_mm = np.where(follows[:, None], middles_mm[last, np.arange(markers)], np.nan)
-        expected_mm = np.where(stride <= LONGEST_STRIDE, speed_mm * stride, 0.0)
-        surprise_mm = here_mm - before_mm - expected_mm
-        has_jumped = follows & (_length(surprise_mm) > _limit_mm(surprise_mm, middles_mm, last, block))
-        offset_mm[has_jumped] += surprise_mm[has_jumped]
-        offset_mm[has_jumped & (_length(offset_mm) < BACK_WITHIN_MM)] = 0.0
-        steady = follows & ~has_jumped
-        speed_mm[steady] = ((here_mm - before_mm) / stride)[steady]
-        last[is_there] = block
-        off_mm[block, is_there] = offset_mm[is_there]
-    return off_mm
+        follows = is_there & (self._last >= 0)
+        surprise_mm = self._surprises_mm(block)
+        # A marker comes back from where it was, and not because the sheet has moved on meanwhile.
+        halfway_mm = np.where(self._away > 0, _length(self._away_mm) / 2, np.inf)
+        is_away = follows & (_length(surprise_mm) > np.minimum(self._limits_mm(block), halfway_mm))
+        self._away[is_away] += 1
+        # The first block may hold frames from before and after the jump.
+        early = is_away & (self._away <= 2)
+        self._away_mm[early] = surprise_mm[early]
+        has_moved = is_away & (self._away > PATIENCE)
+        self._offset_mm[has_moved] += self._away_mm[has_moved]
+        self._offset_mm[has_moved & (_length(self._offset_mm) < BACK_WITHIN_MM)] = 0.0
+        self.off_mm[block, is_there] = self._offset_mm[is_there]
+        waiting = is_away & ~has_moved
+        self.off_mm[block, waiting] += surprise_mm[waiting]
+        steady = follows & ~is_away
+        stride = (block - self._last)[steady, None]
+        before_mm = self._middles_mm[self._last[steady], markers[steady]]
+        was_mm = self._speed_mm[self._last[steady], markers[steady]]
+        self._speed_mm[block, steady] = (was_mm + (here_mm[steady] - before_mm) / stride) / 2
+        self._speed_mm[block, has_moved] = self._speed_mm[self._last[has_moved], markers[has_moved]]
+        self._away[is_there & ~waiting] = 0
+        self._last[is_there & ~waiting] = block
 
+    def _surprises_mm(self, block: int) -> Floats:
+        """How far each marker is from where it was going when it was last itself, (m, 3)."""
+        markers = np.arange(len(self._last))
+        stride = (block - self._last)[:, None]
+        going_mm = np.where(stride <= LONGEST_STRIDE, self._speed_mm[self._last, markers] * stride, 0.0)
+        surprises_mm: Floats = self._middles_mm[block] - self._middles_mm[self._last, markers] - going_mm
+        return surprises_mm
 
-def _limit_mm(surprise_mm: Floats, middles_mm: Floats, last: NDArray[np.int64], block: int) -> Floats:
-    """How far each marker may be from where it was expected, (m,), by what the others did meanwhile."""
-    limits_mm = np.full(len(last), JUMP_MM)
-    for came_from in np.unique(last[last >= 0]):
-        same = last == came_from
-        if block - came_from <= LONGEST_STRIDE:
-            others_mm = _length(surprise_mm)
-        else:
-            others_mm = _length(middles_mm[block] - middles_mm[came_from])
-        limits_mm[same] += OTHERS_TIMES * _share(others_mm)
-    return limits_mm
+    def _limits_mm(self, block: int) -> Floats:
+        """How far each marker may be from where it was going, (m,), by what the others did meanwhile."""
+        limits_mm = np.full(len(self._last), JUMP_MM)
+        for came_from in np.unique(self._last[self._last >= 0]).tolist():
+            stride = block - came_from
+            going_mm = self._speed_mm[came_from] * stride if stride <= LONGEST_STRIDE else 0.0
+            others_mm = self._middles_mm[block] - self._middles_mm[came_from] - going_mm
+            limits_mm[self._last == came_from] += OTHERS_TIMES * _share(_length(others_mm))
+        return limits_mm
 
 
 def _share(lengths_mm: Floats) -> float:
