@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 # The sheet moves, turns and shrinks as a whole: what a marker does beyond that is at most this share of the way to
 # the nearest other point. From half of it on the place would be the other point's.
 FARTHEST_SHARE = 0.5
+# Where points are few and far apart: so much of the way across. A sheet rolled to a half pipe has 0.03.
+FARTHEST_OF_SPAN = 0.1
 # Of fewer markers a stretch along each axis would follow one that is wrong.
 FEWEST_FOR_STRETCH = 8
 FEWEST_MARKERS = 4
@@ -17,6 +19,9 @@ FEWEST_MARKERS = 4
 MOST_STRETCH = 1.5
 STRETCH_MARGIN_MM = 2.0
 NEIGHBOURS = 3
+# A motion that stretches, shears or turns the sheet by more is none: of a symmetric set of points the half that changed
+# places would have it mirrored.
+MOST_CHANGE = 0.5
 _ROUNDS = 4
 _MOST_TRIPLES = 600
 # Three markers nearly on a line fix no motion.
@@ -48,10 +53,11 @@ def misplaced(uninflated_mm: ArrayLike, seen_mm: ArrayLike) -> tuple[Misplaced, 
     used = np.flatnonzero(np.isfinite(places_mm[:, 0]) & np.isfinite(points_mm[:, 0]))
     if len(used) < FEWEST_MARKERS:
         return ()
-    near_mm = FARTHEST_SHARE * _nearest_mm(points_mm)
-    expected_mm = _carried(points_mm, points_mm[used], places_mm[used], float(near_mm.min()))
+    span_mm = FARTHEST_OF_SPAN * float(np.nanmax(_distances(points_mm, points_mm)))
+    near_mm = min(span_mm, FARTHEST_SHARE * float(_nearest_mm(points_mm).min()))
+    expected_mm = _carried(points_mm, points_mm[used], places_mm[used], near_mm)
     # The way to the nearest other point, on the sheet as it is now.
-    allowed_mm = FARTHEST_SHARE * _nearest_mm(expected_mm)
+    allowed_mm = np.minimum(FARTHEST_SHARE * _nearest_mm(expected_mm), span_mm)
     to_points_mm = _distances(places_mm, expected_mm)
     found = []
     for index in used.tolist():
@@ -118,6 +124,8 @@ def _least_median(columns: Floats, to_mm: Floats) -> Floats:
     areas = np.abs(np.linalg.det(corners))
     usable = areas > _FLATTEST * areas.max()
     motions: Floats = np.linalg.solve(corners[usable], to_mm[triples[usable]])
+    change = np.abs(motions[:, :2] - np.eye(2)).max(axis=(1, 2))
+    motions = motions[change <= max(MOST_CHANGE, float(change.min()))]
     misses_mm = to_mm - columns @ motions
     medians_mm = np.median(np.hypot(misses_mm[:, :, 0], misses_mm[:, :, 1]), axis=1)
     best: Floats = motions[int(medians_mm.argmin())]

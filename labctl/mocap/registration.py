@@ -8,13 +8,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from labctl.config.rig import Axis
 from labctl.mocap.errors import FrameRefused
-from labctl.mocap.sheet_frame import FEWEST_MARKERS, SCALE_TOLERANCE, SheetFrame, fit_sheet_frame
+from labctl.mocap.sheet_frame import (
+    FEWEST_MARKERS,
+    MAX_RESIDUAL_MM,
+    SCALE_TOLERANCE,
+    SheetFrame,
+    fit_sheet_frame,
+)
 
 # A marker that was laid down so far off its point, or nearer to another's, is not taken for it.
 FARTHEST_MM = 8.0
 # Two markers that are each as far off as allowed.
 PAIR_TOLERANCE_MM = 2 * FARTHEST_MM
-_MOST_ROUNDS = 20
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -58,19 +63,30 @@ def register(ids: Sequence[int], sheet_mm: ArrayLike, baseline_mm: ArrayLike, up
     fits = _consistent(points_mm, seen_mm, is_seen)
     if fits.sum() < FEWEST_MARKERS or 2 * fits.sum() <= is_seen.sum():
         return _all_or_nothing(ids, points_mm, seen_mm, up, int(fits.sum()))
-    for _ in range(_MOST_ROUNDS):
-        frame = fit_sheet_frame(ids, points_mm, np.where(fits[:, None], seen_mm, np.nan), up)
-        off_mm = _off_mm(frame, points_mm, seen_mm)
-        now_fit = is_seen & (np.nan_to_num(off_mm, nan=np.inf) <= allowed_mm)
-        if now_fit.sum() < FEWEST_MARKERS or 2 * now_fit.sum() <= is_seen.sum():
-            return _all_or_nothing(ids, points_mm, seen_mm, up, int(now_fit.sum()))
-        if (now_fit == fits).all():
+    for _ in range(2 * len(ids)):
+        # Not refused before those that are off are out of it.
+        frame = _fit(ids, points_mm, seen_mm, fits, up, max_residual_mm=np.inf)
+        excess = _off_mm(frame, points_mm, seen_mm) / allowed_mm
+        worst = int(np.where(fits, excess, 0.0).argmax())
+        if excess[worst] > 1:
+            fits[worst] = False
+        elif (back := is_seen & ~fits & (excess <= 1)).any():
+            fits |= back
+        else:
             break
-        fits = now_fit
+        if fits.sum() < FEWEST_MARKERS or 2 * fits.sum() <= is_seen.sum():
+            return _all_or_nothing(ids, points_mm, seen_mm, up, int(fits.sum()))
+    frame = _fit(ids, points_mm, seen_mm, fits, up, max_residual_mm=MAX_RESIDUAL_MM)
     wrong = [
         _wrong(int(index), frame, points_mm, seen_mm, allowed_mm) for index in np.flatnonzero(is_seen & ~fits)
     ]
     return Registration(frame, tuple(wrong))
+
+
+def _fit(
+    ids: Sequence[int], points_mm: Floats, seen_mm: Floats, fits: Bools, up: Axis, max_residual_mm: float
+) -> SheetFrame:
+    return fit_sheet_frame(ids, points_mm, np.where(fits[:, None], seen_mm, np.nan), up, max_residual_mm)
 
 
 def _all_or_nothing(

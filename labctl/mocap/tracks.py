@@ -20,10 +20,10 @@ from labctl.mocap.window import samples
 BLOCK_S = 0.1
 # Fewer frames than this have no median that one wrong frame does not move.
 FEWEST_FRAMES = 9
-# A jump: farther than this, and than so many times what three quarters of the markers did at the same time.
+# A jump: farther than this and so many times what half of the markers did at the same time.
 JUMP_MM = 0.3
-OTHERS_SHARE = 0.75
-OTHERS_TIMES = 3.0
+OTHERS_SHARE = 0.5
+OTHERS_TIMES = 4.0
 # A marker that comes back to within this of where it would be has come back.
 BACK_WITHIN_MM = 0.6
 # Less comes from the medians' own noise when a marker jumps and comes back.
@@ -100,6 +100,8 @@ class _Following:
         self._speed_mm = np.zeros_like(middles_mm)
         self._offset_mm = np.zeros((markers, 3))
         self._last = np.full(markers, -1)
+        # The block before that one.
+        self._before = np.full(markers, -1)
         self._away = np.zeros(markers, dtype=np.int64)
         self._away_mm = np.zeros((markers, 3))
 
@@ -107,10 +109,16 @@ class _Following:
         here_mm, markers = self._middles_mm[block], np.arange(len(self._last))
         is_there = np.isfinite(here_mm[:, 0])
         follows = is_there & (self._last >= 0)
-        surprise_mm = self._surprises_mm(block)
+        # A jump within a block is half in its median, and either half may be too small to notice.
+        is_late = follows & (self._before >= 0) & (self._away == 0)
+        is_late &= _length(self._surprises_mm(block, self._before)) > self._limits_mm(block, self._before)
+        self._last[is_late] = self._before[is_late]
+        surprise_mm = self._surprises_mm(block, self._last)
         # A marker comes back from where it was, and not because the sheet has moved on meanwhile.
         halfway_mm = np.where(self._away > 0, _length(self._away_mm) / 2, np.inf)
-        is_away = follows & (_length(surprise_mm) > np.minimum(self._limits_mm(block), halfway_mm))
+        is_away = follows & (
+            _length(surprise_mm) > np.minimum(self._limits_mm(block, self._last), halfway_mm)
+        )
         self._away[is_away] += 1
         # The first block may hold frames from before and after the jump.
         early = is_away & (self._away <= 2)
@@ -128,24 +136,26 @@ class _Following:
         self._speed_mm[block, steady] = (was_mm + (here_mm[steady] - before_mm) / stride) / 2
         self._speed_mm[block, has_moved] = self._speed_mm[self._last[has_moved], markers[has_moved]]
         self._away[is_there & ~waiting] = 0
+        # What has moved begins anew.
+        self._before = np.where(steady, self._last, np.where(has_moved, -1, self._before))
         self._last[is_there & ~waiting] = block
 
-    def _surprises_mm(self, block: int) -> Floats:
-        """How far each marker is from where it was going when it was last itself, (m, 3)."""
-        markers = np.arange(len(self._last))
-        stride = (block - self._last)[:, None]
-        going_mm = np.where(stride <= LONGEST_STRIDE, self._speed_mm[self._last, markers] * stride, 0.0)
-        surprises_mm: Floats = self._middles_mm[block] - self._middles_mm[self._last, markers] - going_mm
+    def _surprises_mm(self, block: int, since: NDArray[np.int64]) -> Floats:
+        """How far each marker is from where it was going at the block `since` (m,), (m, 3)."""
+        markers = np.arange(len(since))
+        stride = (block - since)[:, None]
+        going_mm = np.where(stride <= LONGEST_STRIDE, self._speed_mm[since, markers] * stride, 0.0)
+        surprises_mm: Floats = self._middles_mm[block] - self._middles_mm[since, markers] - going_mm
         return surprises_mm
 
-    def _limits_mm(self, block: int) -> Floats:
+    def _limits_mm(self, block: int, since: NDArray[np.int64]) -> Floats:
         """How far each marker may be from where it was going, (m,), by what the others did meanwhile."""
-        limits_mm = np.full(len(self._last), JUMP_MM)
-        for came_from in np.unique(self._last[self._last >= 0]).tolist():
+        limits_mm = np.full(len(since), JUMP_MM)
+        for came_from in np.unique(since[since >= 0]).tolist():
             stride = block - came_from
             going_mm = self._speed_mm[came_from] * stride if stride <= LONGEST_STRIDE else 0.0
             others_mm = self._middles_mm[block] - self._middles_mm[came_from] - going_mm
-            limits_mm[self._last == came_from] += OTHERS_TIMES * _share(_length(others_mm))
+            limits_mm[since == came_from] += OTHERS_TIMES * _share(_length(others_mm))
         return limits_mm
 
 

@@ -27,6 +27,13 @@ def test_markers_that_changed_places_are_found_with_whose_place_they_have(sheet_
     assert found == dict(zip(circle, np.roll(circle, -1).tolist(), strict=True))
 
 
+def test_a_mirrored_half_of_a_symmetric_sheet_is_not_taken_for_its_motion():
+    grid_mm = np.array([(x, y) for x in (30.0, 150.0, 270.0) for y in (30.0, 150.0, 270.0)])
+    places_mm = grid_mm.copy()
+    places_mm[[3, 5]] = places_mm[[5, 3]]
+    assert {each.index for each in misplaced(grid_mm, places_mm)} == {3, 5}
+
+
 def test_two_pairs_at_once_are_found(sheet_mm):
     places_mm = domed(sheet_mm)
     places_mm[[1, 5, 8, 12]] = places_mm[[5, 1, 12, 8]]
