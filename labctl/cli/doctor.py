@@ -16,10 +16,13 @@ if TYPE_CHECKING:
     from labctl.config.rig import RigConfig
     from labctl.instruments.interfaces import PressureGauge
     from labctl.instruments.readings import Identity, PressureReading
+    from labctl.mocap.gate import GatedFrames
     from labctl.rig.platform import Platform
 
 _MARKER_LOOK_S = 1.0
 _ZERO_LOOK_S = 2.0
+# One may be the noise's.
+_FEWEST_ASTRAY = 2
 
 
 @dataclass(frozen=True)
@@ -230,6 +233,7 @@ def _valves(config: "RigConfig", platform: "Platform") -> list[Finding]:
 
 def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
     from labctl.drivers.opening import open_markers
+    from labctl.mocap.gate import gate
     from labctl.mocap.window import average
     from labctl.rig.marker_feed import MarkerFeed
 
@@ -249,7 +253,8 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
         # What was passed over in the stream stands in the notes by now.
         passed_over = set(source.identify().notes) - set(identity.notes)
     ids = [point.id for point in config.markers.points]
-    window = average(frames, ids)
+    gated = gate(frames, ids)
+    window = average(gated.frames, ids)
     unseen = [str(marker) for marker, seen in zip(ids, window.seen, strict=True) if seen == 0]
     findings = [
         Finding(source.name, "ok", _who(identity)),
@@ -262,6 +267,7 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
     ]
     if unseen:
         findings.append(Finding(source.name, "missing", f"markers never seen: {', '.join(unseen)}"))
+    findings += _astray(source.name, ids, gated, config.measurement.max_left_out)
     return [*findings, _sheet_witness(config, len(ids) - len(unseen))]
 
 
@@ -283,6 +289,22 @@ def _sheet_witness(config: "RigConfig", seen: int) -> Finding:
         f"comes to rest (limits.sheet_response {limits.sheet_response_s:g} s, limits.sheet_creep "
         f"{limits.sheet_creep:g}), or are not seen for {limits.unseen_after_s:g} s",
     )
+
+
+def _astray(name: str, ids: list[int], gated: "GatedFrames", most: float) -> list[Finding]:
+    """Markers of which single frames are far from their median, and those that have too many of them."""
+    told: dict[str, list[str]] = {"ok": [], "missing": []}
+    for marker, shown, out, is_scattered in zip(
+        ids, gated.shown.tolist(), gated.left_out.tolist(), gated.is_scattered.tolist(), strict=True
+    ):
+        if is_scattered or out >= _FEWEST_ASTRAY:
+            hopeless = is_scattered or out > most * shown
+            told["missing" if hopeless else "ok"].append(f"{marker} in {out} of {shown} frames")
+    words = {
+        "ok": "these frames are left out: markers {} far from the median; look for mirrors and sunlight",
+        "missing": "not to be trusted: markers {} far from the median, or all over; look for mirrors and sunlight",
+    }
+    return [Finding(name, kind, words[kind].format(", ".join(each))) for kind, each in told.items() if each]
 
 
 def _guard(config: "RigConfig", platform: "Platform") -> list[Finding]:
