@@ -1,0 +1,184 @@
+"""A wire between a real link and a double's line, in the same thread, that spoils replies on their way.
+
+Its time moves by waiting and by bytes alone, so that a million replies with all their time-outs take minutes.
+"""
+
+from collections import deque
+
+from labctl.errors import LinkDown, NoAnswer
+
+MISHAPS = (
+    "flipped bits",
+    "cut off",
+    "bytes lost",
+    "bytes put in",
+    "twice",
+    "another request's reply",
+    "random bytes",
+    "lost",
+    "late",
+    "in two pieces",
+)
+BYTE_S = 10 / 19200
+LATEST_S = 0.9
+# A call waits at most a few hundred times; one that looks so often will not end.
+MOST_LOOKS = 100_000
+
+
+class FuzzClock:
+    """A `labctl.clock.Scheduler` for one thread: nobody else ever holds a lock."""
+
+    def __init__(self):
+        self.time_s = 1000.0
+
+    def now_s(self):
+        return self.time_s
+
+    def sleep(self, seconds):
+        self.time_s += max(0.0, seconds)
+
+    def lock(self):
+        return _FreeLock()
+
+
+class _FreeLock:
+    def acquire(self, timeout_s=None):
+        return True
+
+    def release(self):
+        pass
+
+
+class Spoiler:
+    """Spoils a share of the replies; counts them by what happened. `stale` may be asked for another request's reply."""
+
+    def __init__(self, rng, share):
+        self.share = share
+        self.rng = rng
+        self.counts = dict.fromkeys(MISHAPS, 0)
+        self._heard = deque(maxlen=30)
+
+    @property
+    def fuzzed(self):
+        return sum(self.counts.values())
+
+    def spoil(self, request, reply):
+        """Pieces of bytes that come in place of the reply, each with how much later than it."""
+        rng = self.rng
+        others = [heard for asked, heard in self._heard if asked != request and heard != reply]
+        self._heard.append((request, reply))
+        if not reply or rng.random() >= self.share:
+            return [(0.0, reply)]
+        mishap = MISHAPS[rng.randrange(len(MISHAPS))]
+        if mishap == "another request's reply" and not others:
+            mishap = "random bytes"
+        self.counts[mishap] += 1
+        at = rng.randrange(len(reply))
+        if mishap == "flipped bits":
+            changed = bytearray(reply)
+            for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
+                changed[rng.randrange(len(reply))] ^= 1 << rng.randrange(8)
+            return [(0.0, bytes(changed))]
+        if mishap == "cut off":
+            return [(0.0, reply[:at] if rng.random() < 0.5 else reply[at + 1 :])]
+        if mishap == "bytes lost":
+            return [(0.0, reply[:at] + reply[at + rng.choice((1, 1, 2, 4)) :])]
+        if mishap == "bytes put in":
+            return [(0.0, reply[:at] + rng.randbytes(rng.choice((1, 1, 2, 8))) + reply[at:])]
+        if mishap == "twice":
+            return [(0.0, reply + reply)]
+        if mishap == "another request's reply":
+            return [(0.0, rng.choice(others) + (reply if rng.random() < 0.5 else b""))]
+        if mishap == "random bytes":
+            return [(0.0, rng.randbytes(rng.randrange(1, 2 * len(reply) + 2)))]
+        if mishap == "lost":
+            return []
+        if mishap == "late":
+            return [(rng.uniform(0.0, LATEST_S), reply)]
+        return [(0.0, reply[:at]), (rng.uniform(0.0, 0.05), reply[at:])]
+
+
+class FuzzedWire:
+    """A serial port and a TCP connection at once; what is on its way when it is closed never arrives.
+
+    `arrived` is what came since `begin`, for judging a value.
+    """
+
+    def __init__(self, line, clock, spoiler, name="instrument"):
+        self.name = f"{name} on a fuzzed wire"
+        self.clock = clock
+        self._line, self._spoiler = line, spoiler
+        self._coming = deque()
+        self._held = bytearray()
+        self._looks = 0
+        self._closed = False
+        self.arrived = bytearray()
+
+    def begin(self):
+        """A call begins."""
+        self._looks = 0
+        self.arrived = bytearray(self._held)
+
+    def write(self, data, deadline):
+        self._look()
+        self.clock.sleep(len(data) * BYTE_S)
+        replies = self._line.receive(data)
+        if self._line.waiting:
+            replies += self._line.idle()
+        for reply in replies:
+            for later_s, piece in self._spoiler.spoil(bytes(data), reply):
+                due_s = self.clock.now_s() + len(piece) * BYTE_S + later_s
+                # A device answers in order.
+                self._coming.append((max(due_s, self._coming[-1][0] if self._coming else 0.0), piece))
+
+    send = write
+
+    def read_some(self, limit, deadline):
+        while not self._look():
+            remaining_s = deadline.remaining_s()
+            if remaining_s <= 0:
+                return b""
+            self._wait(remaining_s)
+        data = bytes(self._held[:limit])
+        del self._held[:limit]
+        return data
+
+    def has_input(self):
+        return self._look()
+
+    def read_exactly(self, n, deadline):
+        data = self.peek(n, n, deadline)
+        self.skip(n)
+        return data
+
+    def peek(self, n, most, deadline):
+        while not self._look() or len(self._held) < n:
+            remaining_s = deadline.remaining_s()
+            if remaining_s <= 0:
+                raise NoAnswer(f"{self.name}: {len(self._held)} of {n} bytes came")
+            self._wait(remaining_s)
+        return bytes(self._held[:most])
+
+    def skip(self, n):
+        del self._held[:n]
+
+    def abort(self):
+        self.close()
+
+    def close(self):
+        self._closed = True
+
+    def _wait(self, most_s):
+        due_s = self._coming[0][0] - self.clock.now_s() if self._coming else most_s
+        self.clock.sleep(min(most_s, max(due_s, 0.0)) + 1e-9)
+
+    def _look(self):
+        if self._closed:
+            raise LinkDown(f"{self.name}: it is closed")
+        self._looks += 1
+        assert self._looks < MOST_LOOKS, "the call does not come to its end"
+        while self._coming and self._coming[0][0] <= self.clock.time_s:
+            piece = self._coming.popleft()[1]
+            self._held += piece
+            self.arrived += piece
+        return bool(self._held)
