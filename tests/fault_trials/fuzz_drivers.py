@@ -16,7 +16,6 @@ from fault_trials.restless_plant import RestlessPlant
 from labctl.doubles.alicat_ascii import AlicatAscii as AsciiDevice
 from labctl.doubles.alicat_ascii import AsciiLine
 from labctl.doubles.alicat_modbus import AlicatModbus as ModbusDevice
-from labctl.doubles.chamber import Mode
 from labctl.doubles.faults import FaultPanel
 from labctl.doubles.modbus_lines import RtuLine, TcpLine
 from labctl.doubles.waveshare_relay import WaveshareRelay as RelayDevice
@@ -40,8 +39,7 @@ ALICAT = {
     "name": "regulator",
     "timeout_s": TIMEOUT_S,
 }
-_LINE = re.compile(rb"A +([+-]?\d{3}\.\d\d) +([+-]?\d{3}\.\d\d)((?: +[A-Z0-9]{3})*) *")
-_FLAGS = {"EXH", "HLD"}
+_LINE = re.compile(rb"A +([+-]?\d{3}\.\d\d) +([+-]?\d{3}\.\d\d)((?: +[A-Z0-9]{3})*) *\r")
 
 
 @dataclass
@@ -90,13 +88,15 @@ class Regulator:
             return None
         return driver.read(TIMEOUT_S)
 
+    def truth(self):
+        return self.plant.looks
+
     def is_true(self, reading):
-        state = self.plant.last
-        status = {"EXH": {"EXH"}, "HLD": {"HLD"}}.get(_flag(state.mode), set())
-        return (
-            abs(reading.gauge_psi - state.measured_psi) <= 0.0051
-            and abs(reading.setpoint_psi - state.setpoint_psi) <= 0.0051
-            and set(reading.status) & _FLAGS == status
+        return any(
+            abs(reading.gauge_psi - look.measured_psi) <= 0.0051
+            and abs(reading.setpoint_psi - look.setpoint_psi) <= 0.0051
+            and set(reading.status) & {"EXH", "HLD"} == look.flags
+            for look in self.plant.looks
         )
 
 
@@ -107,10 +107,13 @@ class AsciiRegulator(Regulator):
         line = AsciiLine(AsciiDevice(self.plant, FaultPanel(clock), clock))
         return AlicatAscii(SerialLink(wires(line), clock), unit_id="A", **ALICAT)
 
-    def could_be(self, reading, arrived):
-        lines = re.sub(rb"[\x00\xff\n]", b"", bytes(arrived)).split(b"\r")
-        found = (_LINE.fullmatch(line.strip()) for line in lines)
-        said = {(float(one[1]), float(one[2]), frozenset(one[3].decode().split())) for one in found if one}
+    def is_reading(self, reply):
+        return _LINE.fullmatch(reply) is not None
+
+    def could_be(self, reading, arrived, was_said):
+        # What a driver leaves out, it may leave out anywhere; a line may begin behind a piece of another.
+        found = (one for one in _LINE.finditer(re.sub(rb"[\x00\xff\n]", b"", arrived)) if not was_said(one[0]))
+        said = {(float(one[1]), float(one[2]), frozenset(one[3].decode().split())) for one in found}
         return (reading.gauge_psi, reading.setpoint_psi, reading.status) in said
 
 
@@ -122,8 +125,12 @@ class ModbusRegulator(Regulator):
         link = ModbusLink(RtuChannel(wires(line), 19200, clock, QUIET_S), clock)
         return AlicatModbus(link, device_id=1, unit_proof="the double is made in psi", **ALICAT)
 
-    def could_be(self, reading, arrived):
-        said = (struct.unpack(">Iff", data) for data in _rtu_data(arrived, 4, 12))
+    def is_reading(self, reply):
+        return reply[1] == 4
+
+    def could_be(self, reading, arrived, was_said):
+        frames = (frame for frame in _rtu_frames(arrived, 4, 12) if not was_said(frame))
+        said = (struct.unpack(">Iff", data) for data in (frame[3:-2] for frame in frames))
         return any((gauge, setpoint) == (reading.gauge_psi, reading.setpoint_psi) for _, gauge, setpoint in said)
 
 
@@ -147,6 +154,9 @@ class RelayBoard:
             return driver.write(self._some() if verb == "write" else (), TIMEOUT_S)
         return driver.read(TIMEOUT_S) if verb == "read" else driver.look(TIMEOUT_S)
 
+    def truth(self):
+        return sorted(self.plant.coils)
+
     def is_true(self, on):
         return on == self.plant.coils
 
@@ -162,8 +172,12 @@ class RtuRelayBoard(RelayBoard):
         link = ModbusLink(RtuChannel(wires(line), 9600, clock, QUIET_S), clock)
         return WaveshareRelay(link, device_id=1, channels=16, name="valves", timeout_s=TIMEOUT_S)
 
-    def could_be(self, on, arrived):
-        return any(_coils(data) == on or _coils(data[::-1]) == on for data in _rtu_data(arrived, 1, 2))
+    def is_reading(self, reply):
+        return reply[1] == 1
+
+    def could_be(self, on, arrived, was_said):
+        whole, halves = (_rtu_frames(arrived, 1, size) for size in (2, 1))
+        return on in _said(whole, halves, slice(3, -2), was_said)
 
 
 class TcpRelayBoard(RelayBoard):
@@ -174,10 +188,13 @@ class TcpRelayBoard(RelayBoard):
         link = ModbusLink(TcpChannel(lambda _: wires(TcpLine(device)), 1.0), clock)
         return WaveshareRelay(link, device_id=1, channels=16, name="valves", timeout_s=TIMEOUT_S)
 
-    def could_be(self, on, arrived):
-        data = bytes(arrived)
-        said = (data[at + 9 : at + 11] for at in range(len(data) - 10) if _is_coil_reply(data[at : at + 9]))
-        return any(_coils(bits) == on or _coils(bits[::-1]) == on for bits in said)
+    def is_reading(self, reply):
+        # Each has a number.
+        return False
+
+    def could_be(self, on, arrived, was_said):
+        whole, halves = (_tcp_frames(arrived, size) for size in (2, 1))
+        return on in _said(whole, halves, slice(9, None), was_said)
 
 
 SUBJECTS = {
@@ -193,12 +210,13 @@ def fuzz(driver, seed, frames):
     rng = random.Random(seed)
     started_s = time.monotonic()
     tally = Tally(driver, seed)
-    clock, spoiler = FuzzClock(), Spoiler(rng, SHARE)
+    clock, subject = FuzzClock(), SUBJECTS[driver](rng)
+    spoiler = Spoiler(rng, SHARE, subject.is_reading)
     while spoiler.fuzzed < frames:
-        subject, wires = SUBJECTS[driver](rng), _Wires(clock, spoiler)
+        wires = _Wires(clock, spoiler)
         device = subject.open(wires, clock)
         for _ in range(CALLS_A_DRIVER):
-            _judged_call(subject, device, wires, clock, tally)
+            _judged_call(subject, device, wires, clock, spoiler, tally)
         device.close()
     tally.frames, tally.fuzzed = spoiler.fuzzed, spoiler.counts
     tally.took_s = time.monotonic() - started_s
@@ -221,12 +239,16 @@ class _Wires:
         for wire in self._opened:
             wire.begin()
 
+    def story(self):
+        return [step for wire in self._opened for step in wire.story]
+
     def arrived(self):
         return b"".join(bytes(wire.arrived) for wire in self._opened)
 
 
-def _judged_call(subject, device, wires, clock, tally):
+def _judged_call(subject, device, wires, clock, spoiler, tally):
     wires.begin()
+    subject.plant.begin()
     tally.calls += 1
     began_s = clock.now_s()
     try:
@@ -236,36 +258,48 @@ def _judged_call(subject, device, wires, clock, tally):
         tally.errors[kind] = tally.errors.get(kind, 0) + 1
         value = None
     except Exception as error:
-        tally.crashes.append(f"{error!r} after {wires.arrived().hex(' ')}")
+        tally.crashes.append(f"{error!r} after {wires.story()}")
         value = None
     else:
         tally.right += value is None or subject.is_true(value)
     tally.longest_s = max(tally.longest_s, clock.now_s() - began_s)
     if value is not None and not subject.is_true(value):
-        if subject.could_be(value, wires.arrived()):
+        if subject.could_be(value, wires.arrived(), spoiler.heard):
             tally.undetectable += 1
         else:
-            tally.false_readings.append(f"{value} after {wires.arrived().hex(' ')}")
+            tally.false_readings.append(f"{value} after {wires.story()}, came: {wires.arrived()!r}, {subject.truth()}")
 
 
-def _flag(mode):
-    return {Mode.EXHAUST: "EXH", Mode.HOLD_CLOSED: "HLD", Mode.HOLD_CURRENT: "HLD"}.get(mode)
-
-
-def _rtu_data(arrived, function, size):
-    """The data of every RTU reply of unit 1 in the bytes: `size` bytes by this function."""
+def _rtu_frames(arrived, function, size):
+    """Every RTU reply of unit 1 in the bytes that has `size` bytes by this function."""
     data, head = bytes(arrived), bytes([1, function, size])
     at = data.find(head)
     while at >= 0:
         frame = data[at : at + size + 5]
         if len(frame) == size + 5 and struct.pack("<H", _crc(frame[:-2])) == frame[-2:]:
-            yield frame[3:-2]
+            yield frame
         at = data.find(head, at + 1)
 
 
-def _is_coil_reply(head):
-    """Protocol 0, as long as two bytes of coils are, unit 1, function 1."""
-    return head[2:9] == bytes([0, 0, 0, 5, 1, 1, 2])
+def _tcp_frames(arrived, size):
+    """Every Modbus TCP reply of unit 1 to a read of coils, `size` bytes of them."""
+    data, head = bytes(arrived), bytes([0, 0, 0, 3 + size, 1, 1, size])
+    at = data.find(head, 2)
+    while at >= 0:
+        frame = data[at - 2 : at + 7 + size]
+        if len(frame) == 9 + size:
+            yield frame
+        at = data.find(head, at + 1)
+
+
+def _said(whole, halves, bits, was_said):
+    """The channels that changed replies say are on: both bytes at once, in either order, or one after the other."""
+    halves = list(halves)
+    pairs = [(first, second) for place, first in enumerate(halves) for second in halves[place + 1 :]]
+    pairs = [pair for pair in pairs if not all(was_said(frame) for frame in pair)]
+    changed = [frame[bits] for frame in whole if not was_said(frame)]
+    changed += [data[::-1] for data in changed]
+    return {_coils(data) for data in (*changed, *(one[bits] + two[bits] for one, two in pairs))}
 
 
 def _coils(data):

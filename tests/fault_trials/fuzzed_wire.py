@@ -50,26 +50,35 @@ class _FreeLock:
 
 
 class Spoiler:
-    """Spoils a share of the replies; counts them by what happened. `stale` may be asked for another request's reply."""
+    """Spoils a share of the replies; counts them by what happened.
 
-    def __init__(self, rng, share):
+    `is_reading` knows the replies that carry a reading, where nothing tells to which request they belong. These come
+    late or twice, but never out of turn: an old reading in the place of a new one is one as far as anybody can see.
+    """
+
+    def __init__(self, rng, share, is_reading):
         self.share = share
         self.rng = rng
         self.counts = dict.fromkeys(MISHAPS, 0)
-        self._heard = deque(maxlen=30)
+        self._is_reading = is_reading
+        self._heard = deque(maxlen=200)
 
     @property
     def fuzzed(self):
         return sum(self.counts.values())
 
-    def spoil(self, request, reply):
+    def heard(self, frame):
+        """Whether a device said this lately."""
+        return frame in self._heard
+
+    def spoil(self, reply):
         """Pieces of bytes that come in place of the reply, each with how much later than it."""
         rng = self.rng
-        others = [heard for asked, heard in self._heard if asked != request and heard != reply]
-        self._heard.append((request, reply))
+        self._heard.append(reply)
         if not reply or rng.random() >= self.share:
             return [(0.0, reply)]
         mishap = MISHAPS[rng.randrange(len(MISHAPS))]
+        others = [heard for heard in list(self._heard)[-20:] if heard != reply and not self._is_reading(heard)]
         if mishap == "another request's reply" and not others:
             mishap = "random bytes"
         self.counts[mishap] += 1
@@ -88,7 +97,7 @@ class Spoiler:
         if mishap == "twice":
             return [(0.0, reply + reply)]
         if mishap == "another request's reply":
-            return [(0.0, rng.choice(others) + (reply if rng.random() < 0.5 else b""))]
+            return [(0.0, rng.choice(others))]
         if mishap == "random bytes":
             return [(0.0, rng.randbytes(rng.randrange(1, 2 * len(reply) + 2)))]
         if mishap == "lost":
@@ -101,7 +110,7 @@ class Spoiler:
 class FuzzedWire:
     """A serial port and a TCP connection at once; what is on its way when it is closed never arrives.
 
-    `arrived` is what came since `begin`, for judging a value.
+    `arrived` is what came since `begin`, for judging a value; `story` what was asked and sent, for people.
     """
 
     def __init__(self, line, clock, spoiler, name="instrument"):
@@ -113,11 +122,13 @@ class FuzzedWire:
         self._looks = 0
         self._closed = False
         self.arrived = bytearray()
+        self.story = []
 
     def begin(self):
         """A call begins."""
         self._looks = 0
         self.arrived = bytearray(self._held)
+        self.story = [("was on its way", *self._coming)] if self._coming else []
 
     def write(self, data, deadline):
         self._look()
@@ -126,7 +137,9 @@ class FuzzedWire:
         if self._line.waiting:
             replies += self._line.idle()
         for reply in replies:
-            for later_s, piece in self._spoiler.spoil(bytes(data), reply):
+            pieces = self._spoiler.spoil(reply)
+            self.story.append((bytes(data), "as", *pieces, "in place of", reply))
+            for later_s, piece in pieces:
                 due_s = self.clock.now_s() + len(piece) * BYTE_S + later_s
                 # A device answers in order.
                 self._coming.append((max(due_s, self._coming[-1][0] if self._coming else 0.0), piece))

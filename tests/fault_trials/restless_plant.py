@@ -2,16 +2,11 @@
 
 from types import SimpleNamespace
 
-import numpy as np
-
 from labctl.doubles.chamber import Mode
-from labctl.doubles.plant import PlantState
-
-NO_POINTS = np.zeros((0, 3))
 
 
 class RestlessPlant:
-    """Takes what a plant takes; `last` is the state that was looked at last."""
+    """Takes what a plant takes; `looks` are the states that were looked at since `begin`."""
 
     def __init__(self, rng, channels=32):
         self.settings = SimpleNamespace(channels=channels, single_valve=False)
@@ -19,23 +14,28 @@ class RestlessPlant:
         self.coils = frozenset()
         self.setpoint_psi = 0.0
         self.mode = Mode.CONTROL
-        self.last = None
+        self.looks = []
         self._rng = rng
-        self.state()
+
+    def begin(self):
+        """A call begins."""
+        self.looks = []
 
     def state(self):
         measured_psi = self._rng.uniform(0.5, 4.2)
-        self.last = PlantState(
-            time_s=0.0,
-            pressure_psi=measured_psi,
+        exhausting, holding = self.mode is Mode.EXHAUST, self.mode in (Mode.HOLD_CLOSED, Mode.HOLD_CURRENT)
+        look = SimpleNamespace(
             measured_psi=measured_psi,
             setpoint_psi=self.setpoint_psi,
+            requested_psi=self.setpoint_psi,
             mode=self.mode,
+            exhausting=exhausting,
+            holding=holding,
+            flags={"EXH"} if exhausting else {"HLD"} if holding else set(),
             coils=self.coils,
-            jammed=frozenset(),
-            points_mm=NO_POINTS,
         )
-        return self.last
+        self.looks.append(look)
+        return look
 
     def write_setpoint(self, setpoint_psi):
         self.setpoint_psi = setpoint_psi
