@@ -1,0 +1,218 @@
+"""Links that break in the middle of a hold and come back: what the rig does, and how soon it can be used again."""
+
+import random
+import time
+from dataclasses import asdict, dataclass, field, replace
+
+from fault_trials.cables import WAYS, Cables
+from virtual_rig import VirtualRig
+
+from labctl.doubles.chamber import Mode
+from labctl.errors import LabError
+from labctl.rig import Rig
+from labctl.stop import OperatorStop
+
+BACK_S = 3.0
+CHANNEL = 4
+CYCLES_A_RIG = 40
+# Patience with a rig that does not open; `BACK_S` is what is asked.
+_GIVE_UP_S = 30.0
+_TOLERANCE_PSI = 0.05
+
+LINKS = {
+    "regulator (alicat-ascii)": ("regulator", {}),
+    "regulator (alicat-modbus)": ("regulator", {"regulator": "alicat-modbus"}),
+    "valves rtu": ("valves", {}),
+    "valves tcp": ("valves", {"valve_transport": "tcp"}),
+    "markers": ("markers", {}),
+}
+
+
+@dataclass
+class Tally:
+    """What came of the cycles of one link. Times in seconds of the rig's clock.
+
+    `noticed_s` from the break until the command in hand ended with an error; `back_s` from the return until the rig was
+    open and read right. `wrong` holds what must not be.
+    """
+
+    link: str
+    seed: int
+    cycles: int = 0
+    endings: dict = field(default_factory=dict)
+    safe_at_once: int = 0
+    safe_by_guard: int = 0
+    noticed_s: list = field(default_factory=list)
+    back_s: list = field(default_factory=list)
+    wrong: list = field(default_factory=list)
+    took_s: float = 0.0
+
+    @property
+    def good(self):
+        return not self.wrong
+
+    def as_json(self):
+        return asdict(self) | {"good": self.good}
+
+
+class Breaks:
+    """Breaks of one link on rigs of doubles in virtual time."""
+
+    def __init__(self, link, seed):
+        self._instrument, self._settings = LINKS[link]
+        self._rng = random.Random(seed)
+        self._seed = seed
+        self.tally = Tally(link, seed)
+
+    def run(self, cycles):
+        """So many more."""
+        started_s = time.monotonic()
+        while self.tally.cycles < cycles:
+            self._one_rig(min(CYCLES_A_RIG, cycles - self.tally.cycles))
+        self.tally.took_s = time.monotonic() - started_s
+        return self.tally
+
+    def _one_rig(self, cycles):
+        self._seed += 1
+        # A guard tries again for a real rig only.
+        virtual = VirtualRig(
+            seed=self._seed,
+            change=lambda text: text.replace("frequency_hz = 240", "frequency_hz = 60").replace(
+                "simulated = true", "simulated = false"
+            ),
+            **self._settings,
+        )
+        cables = Cables(virtual.doubles.wires, virtual.config, virtual.time)
+        virtual.doubles_wires, virtual.doubles.wires = virtual.doubles.wires, cables
+        virtual.platform = replace(virtual.platform, wires=cables)
+        try:
+            for _ in range(cycles):
+                self._one(virtual, cables)
+            assert virtual.time.failures == [], virtual.time.failures
+        finally:
+            virtual.close()
+
+    def _one(self, virtual, cables):
+        tally, clock, way = self.tally, virtual.time, self._rng.choice(WAYS)
+        tally.cycles += 1
+        deeds = Deeds(virtual.plant)
+        pulled_s = self._hold_until_broken(virtual, cables, way, deeds)
+        clock.sleep(self._rng.uniform(0.0, 15.0))
+        cables.put_back(self._instrument)
+        back_s = clock.now_s()
+        # Nobody touches it for a moment: whatever a connection that stands again delivers, it delivers now.
+        untouched_s = self._rng.choice((0.0, 0.0, 1.0))
+        clock.sleep(untouched_s)
+        if deeds.energising:
+            self._wrong(f"{way}: after the break {deeds.energising}")
+        deeds.end()
+        opened_s = self._opened_again(virtual, way)
+        if opened_s is not None:
+            tally.back_s.append(opened_s - back_s - untouched_s)
+            if opened_s - back_s - untouched_s > BACK_S:
+                self._wrong(f"{way}: usable {opened_s - back_s:.2f} s after it came back, broken at {pulled_s:.2f}")
+        for guard in virtual.guards:
+            if not guard.ended(30):
+                self._wrong(f"{way}: a guard still waits")
+        virtual.guards.clear()
+
+    def _hold_until_broken(self, virtual, cables, way, deeds):
+        clock, tally = virtual.time, self.tally
+        pulled_s = None
+        rig = Rig(virtual.config, stop=OperatorStop(), notify=lambda _: None, platform=virtual.platform)
+
+        def pull():
+            nonlocal pulled_s
+            clock.sleep(self._rng.uniform(0.0, 1.5))
+            pulled_s = clock.now_s()
+            deeds.begin()
+            cables.pull(self._instrument, way)
+
+        ended = "nothing"
+        try:
+            with rig:
+                rig.jam({CHANNEL})
+                rig.start_control()
+                psi = round(self._rng.uniform(0.6, 2.0), 2)
+                rig.write_setpoint(psi)
+                rig.wait(psi / 1.5 + 0.5)
+                clock.start_thread(pull, "the test's hand")
+                for _ in range(20):
+                    rig.wait(0.1)
+                    rig.capture(0.3)
+                self._wrong(f"{way}: the run went on for 8 s without its {self._instrument}")
+        except LabError as error:
+            ended = type(error.__cause__ or error).__name__ if type(error).__name__ == "Unsafe" else type(error).__name__
+            ended += ", UNSAFE reported" if type(error).__name__ == "Unsafe" else ", SAFE read back"
+        ended_s = clock.now_s()
+        tally.noticed_s.append(ended_s - (pulled_s or ended_s))
+        tally.endings[ended] = tally.endings.get(ended, 0) + 1
+        tally.safe_at_once += _is_safe(virtual.plant)
+        return pulled_s or ended_s
+
+    def _opened_again(self, virtual, way):
+        """Open the rig as a person does, again and again; when it was open and read right."""
+        clock = virtual.time
+        end_s = clock.now_s() + _GIVE_UP_S
+        self.tally.safe_by_guard += _is_safe(virtual.plant)
+        while True:
+            try:
+                with Rig(virtual.config, stop=OperatorStop(), notify=lambda _: None, platform=virtual.platform) as rig:
+                    opened_s = self._reads_right(virtual, rig, way)
+                    if not _is_safe(virtual.plant, pressure=False):
+                        self._wrong(f"{way}: opened again and not SAFE: {virtual.plant.state()}")
+                return opened_s
+            except LabError as error:
+                if clock.now_s() > end_s:
+                    self._wrong(f"{way}: does not open again: {error}")
+                    return None
+                clock.sleep(0.1)
+
+    def _reads_right(self, virtual, rig, way):
+        rig.make_safe()
+        gauge_psi = rig.pressure().gauge_psi
+        state = virtual.plant.state()
+        on = rig._instruments.valves.read()
+        rig.capture(0.1)
+        opened_s = virtual.time.now_s()
+        if abs(gauge_psi - state.pressure_psi) > _TOLERANCE_PSI or on != state.coils:
+            self._wrong(f"{way}: reads {gauge_psi} psi and {sorted(on)}, the truth is {state}")
+        return opened_s
+
+    def _wrong(self, what):
+        self.tally.wrong.append(f"cycle {self.tally.cycles}, {what}")
+
+
+class Deeds:
+    """What is done to the plant; between `begin` and `end` nothing may be energised."""
+
+    def __init__(self, plant):
+        self.energising = []
+        self._plant = plant
+        self._watches = False
+        for name, energises in (
+            ("write_setpoint", lambda setpoint_psi: setpoint_psi > 0),
+            ("switch_mode", lambda mode: mode is not Mode.EXHAUST),
+            ("write_coils", lambda coils: any(coils.values())),
+        ):
+            setattr(plant, name, self._watched(name, getattr(type(plant), name), energises))
+
+    def begin(self):
+        self._watches = True
+
+    def end(self):
+        self._watches = False
+
+    def _watched(self, name, act, energises):
+        def acted(what):
+            if self._watches and energises(what):
+                self.energising.append(f"{name} {what}")
+            act(self._plant, what)
+
+        return acted
+
+
+def _is_safe(plant, pressure=True):
+    state = plant.state()
+    calm = not pressure or state.pressure_psi < 0.3
+    return state.setpoint_psi == 0 and state.exhausting and not state.coils and calm
