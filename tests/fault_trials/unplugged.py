@@ -32,8 +32,9 @@ LINKS = {
 class Tally:
     """What came of the cycles of one link. Times in seconds of the rig's clock.
 
-    `noticed_s` from the break until the command in hand ended with an error; `back_s` from the return until the rig was
-    open and read right. `wrong` holds what must not be.
+    `vented_s` from the break until the regulator was vented, by the plant's truth, where that could be before the
+    return; `ended_s` until the command in hand had ended with an error; `back_s` from the return until the rig was open
+    and read right. `wrong` holds what must not be.
     """
 
     link: str
@@ -42,7 +43,8 @@ class Tally:
     endings: dict = field(default_factory=dict)
     safe_at_once: int = 0
     safe_by_guard: int = 0
-    noticed_s: list = field(default_factory=list)
+    vented_s: list = field(default_factory=list)
+    ended_s: list = field(default_factory=list)
     back_s: list = field(default_factory=list)
     wrong: list = field(default_factory=list)
     took_s: float = 0.0
@@ -57,6 +59,9 @@ class Tally:
 
 class Breaks:
     """Breaks of one link on rigs of doubles in virtual time."""
+
+    ways = WAYS
+    longest_out_s = 15.0
 
     def __init__(self, link, seed):
         self._instrument, self._settings = LINKS[link]
@@ -83,7 +88,6 @@ class Breaks:
             **self._settings,
         )
         cables = Cables(virtual.doubles.wires, virtual.config, virtual.time)
-        virtual.doubles_wires, virtual.doubles.wires = virtual.doubles.wires, cables
         virtual.platform = replace(virtual.platform, wires=cables)
         try:
             for _ in range(cycles):
@@ -93,11 +97,11 @@ class Breaks:
             virtual.close()
 
     def _one(self, virtual, cables):
-        tally, clock, way = self.tally, virtual.time, self._rng.choice(WAYS)
+        tally, clock, way = self.tally, virtual.time, self._rng.choice(self.ways)
         tally.cycles += 1
-        deeds = Deeds(virtual.plant)
+        deeds = Deeds(virtual.plant, clock)
         pulled_s = self._hold_until_broken(virtual, cables, way, deeds)
-        clock.sleep(self._rng.uniform(0.0, 15.0))
+        clock.sleep(self._rng.uniform(0.0, self.longest_out_s))
         cables.put_back(self._instrument)
         back_s = clock.now_s()
         # Nobody touches it for a moment: whatever a connection that stands again delivers, it delivers now.
@@ -145,7 +149,9 @@ class Breaks:
             ended = type(error.__cause__ or error).__name__ if type(error).__name__ == "Unsafe" else type(error).__name__
             ended += ", UNSAFE reported" if type(error).__name__ == "Unsafe" else ", SAFE read back"
         ended_s = clock.now_s()
-        tally.noticed_s.append(ended_s - (pulled_s or ended_s))
+        tally.ended_s.append(ended_s - (pulled_s or ended_s))
+        if deeds.vented_s is not None:
+            tally.vented_s.append(deeds.vented_s - pulled_s)
         tally.endings[ended] = tally.endings.get(ended, 0) + 1
         tally.safe_at_once += _is_safe(virtual.plant)
         return pulled_s or ended_s
@@ -184,11 +190,12 @@ class Breaks:
 
 
 class Deeds:
-    """What is done to the plant; between `begin` and `end` nothing may be energised."""
+    """What is done to the plant; between `begin` and `end` nothing may be energised, and it is vented at `vented_s`."""
 
-    def __init__(self, plant):
+    def __init__(self, plant, clock):
         self.energising = []
-        self._plant = plant
+        self.vented_s = None
+        self._plant, self._clock = plant, clock
         self._watches = False
         for name, energises in (
             ("write_setpoint", lambda setpoint_psi: setpoint_psi > 0),
@@ -208,6 +215,9 @@ class Deeds:
             if self._watches and energises(what):
                 self.energising.append(f"{name} {what}")
             act(self._plant, what)
+            state = self._plant.state()
+            if self._watches and self.vented_s is None and state.exhausting and state.setpoint_psi == 0:
+                self.vented_s = self._clock.now_s()
 
         return acted
 
