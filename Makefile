@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-rig interop clean
+.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-gauge bench-vent bench-rig interop wire-table clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -40,11 +40,21 @@ bench-protocols: $(INSTALLED)  ## all five protocols on doubles at 20 times thei
 bench-kill: $(INSTALLED)  ## kill -9 at 200 random moments of a run: about half an hour
 	$(BIN)/python bench/kill_run.py
 
+bench-gauge: $(INSTALLED)  ## gauges that freeze, jitter, drift or are off, in virtual time: about 20 minutes
+	$(BIN)/python bench/gauge_faults.py
+	$(BIN)/python bench/gauge_offsets.py
+
 bench-rig: $(INSTALLED)  ## ingest, recording and the supervisor under 72 markers at 960 Hz, then beside four busy loops: about half an hour
 	$(BIN)/python bench/rig_load.py --busy 4 --out runs/bench/rig.json
 
 interop: $(INSTALLED)  ## clients written elsewhere on the doubles, each in an environment of its own: about 3 minutes
 	$(BIN)/python bench/interop/run.py
+
+wire-table: $(INSTALLED)  ## docs/reference/wire-faults.md anew: every driver, wire fault and verb, about 10 s
+	PYTHONPATH=tests $(BIN)/python bench/wire_table.py
+
+bench-vent: $(INSTALLED)  ## vent and abort from a second terminal, in every step of every command: about half an hour
+	$(BIN)/python bench/second_terminal.py
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

@@ -4,11 +4,19 @@ Two families: `BadInput` (exit 2) is something that a person can correct before 
 every other `LabError` (exit 1) happened while the laboratory was working.
 """
 
+from labctl.printable import printable
+
 
 class LabError(Exception):
-    """A failure with a message for the user: what, which value, which limit, what to do next."""
+    """A failure with a message for the user: what, which value, which limit, what to do next.
+
+    A message may quote an instrument: what is not printable in it is written as an escape.
+    """
 
     exit_code = 1
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(printable(message, also="\n\t"))
 
 
 class BadInput(LabError):

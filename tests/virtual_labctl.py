@@ -26,7 +26,7 @@ def known_shapes():
     return simulated_shapes(DoublesSettings(load_design("known")), lambda _: None)
 
 
-class _Shared:
+class SharedShapes:
     """Shapes that outlive a rig."""
 
     def ladder(self, jammed):
@@ -76,7 +76,7 @@ class VirtualLabctl:
 
     def __init__(self, folder, *faults, change=lambda text: text, **settings):
         self.virtual = VirtualRig(
-            *faults, design=load_design("known"), shapes=_Shared(), change=change, **settings
+            *faults, design=load_design("known"), shapes=SharedShapes(), change=change, **settings
         )
         self.rig = folder / "virtual-rig.toml"
         self.rig.write_text(self.virtual.text)
@@ -130,6 +130,10 @@ class VirtualLabctl:
             raise self._failed.pop()
         assert not self._deeds, f"never shown: {[words for words, _ in self._deeds]}; shown:\n{ended.err}"
         return ended
+
+    def second(self, *arguments):
+        """Run a command as in a second terminal, from a deed: the first command's own thread is busy meanwhile."""
+        return labctl_here(*arguments, platform=self.virtual.platform)
 
     def leave_energised(self):
         """Somebody sets 2 psi over the wire, and goes."""

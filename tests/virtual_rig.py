@@ -1,6 +1,7 @@
 """A rig of doubles in virtual time: real drivers and links, byte by byte, in the test's own process."""
 
 from bowl import DESIGN, Bowl
+from virtual_holders import VirtualHolders
 from virtual_time import VirtualTime
 
 from labctl.config.load import rig_from_text
@@ -17,13 +18,14 @@ from labctl.safety.reach import Reach
 class VirtualGuard:
     """The guard's heart in the test's own process; `killed` is how a guard that died looks."""
 
-    def __init__(self, config, time, wires):
-        self._config, self._time, self._wires = config, time, wires
+    def __init__(self, config, time, wires, holders):
+        self._config, self._time, self._wires, self._holders = config, time, wires, holders
         self._arrived = time.event()
         self._bytes = b""
         self._gone = False
         self.killed = False
         self.hangs = 0
+        self.sent = b""
         self.notes = []
         self.report = None
         self._thread = time.start_thread(self._run, "guard")
@@ -56,6 +58,7 @@ class VirtualGuard:
 
     def _send(self, data):
         self._bytes += data
+        self.sent += data
         self._arrived.set()
 
     def _receive(self, timeout_s):
@@ -71,7 +74,9 @@ class VirtualGuard:
     def _run(self):
         if watch(self._receive, self._hang) and not self.killed:
             reach = Reach.of(self._config)
-            self.report = take_to_safe(reach, self._time, self._wires, self.notes.append, lambda: None)
+            self.report = take_to_safe(
+                reach, self._time, self._wires, self._holders, self.notes.append, lambda: None
+            )
 
 
 class VirtualRig:
@@ -88,7 +93,8 @@ class VirtualRig:
         self.text = change(self.doubles.rig_toml())
         self.config = rig_from_text(self.text, "rig.toml")
         self.guards = []
-        self.platform = Platform(self.time, self.doubles.wires, self._start_guard)
+        self.holders = VirtualHolders(self.time)
+        self.platform = Platform(self.time, self.doubles.wires, self._start_guard, self.holders)
 
     @property
     def plant(self):
@@ -106,5 +112,5 @@ class VirtualRig:
         assert not state.coils
 
     def _start_guard(self, config):
-        self.guards.append(VirtualGuard(config, self.time, self.doubles.wires))
+        self.guards.append(VirtualGuard(config, self.time, self.doubles.wires, self.holders))
         return self.guards[-1]

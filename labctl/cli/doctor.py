@@ -1,6 +1,7 @@
 """`labctl doctor`: which instruments answer, as what, and which protections this rig really has."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,15 +9,17 @@ from typing import TYPE_CHECKING
 import click
 
 from labctl.cli.options import json_option, rig_option
-from labctl.cli.output import banner, emit_json, unit_json
+from labctl.cli.output import ProgressLine, banner, emit_json, unit_json
 from labctl.cli.rigs import chosen_rig
 
 if TYPE_CHECKING:
     from labctl.config.rig import RigConfig
-    from labctl.instruments.readings import Identity
+    from labctl.instruments.interfaces import PressureGauge
+    from labctl.instruments.readings import Identity, PressureReading
     from labctl.rig.platform import Platform
 
 _MARKER_LOOK_S = 1.0
+_ZERO_LOOK_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -43,10 +46,14 @@ def doctor(rig_path: Path | None, as_json: bool) -> int:
     from labctl.cli.interrupts import stop_on_signals
     from labctl.cli.outcome import Outcome
 
-    with stop_on_signals() as stop, chosen_rig(rig_path, "known", stop) as config:
+    with (
+        stop_on_signals() as stop,
+        ProgressLine(quiet=True) as line,
+        chosen_rig(rig_path, "known", stop, line.notify) as config,
+    ):
         platform = Outcome.current().platform
         findings: list[Finding] = []
-        for examine in (_regulator, _valves, _markers, _guard, _computer):
+        for examine in (_regulator, _second_gauge, _valves, _gauge_zero, _markers, _guard, _computer):
             stop.check()
             findings += _guarded(examine, config, platform)
         findings += _protections(config)
@@ -93,7 +100,7 @@ def _regulator(config: "RigConfig", platform: "Platform") -> list[Finding]:
             _pressure_unit(config),
             _setpoint_source(identity),
         ]
-        reading = regulator.read()
+        reading = _mean_reading(regulator, config, platform)
         findings.append(
             Finding(
                 regulator.name,
@@ -117,6 +124,77 @@ def _pressure_unit(config: "RigConfig") -> Finding:
         f"{regulator.unit_word()}; nothing can be energised until it is: look at the display or ask the device over "
         "ASCII (??D*), then write how that was done into regulator.pressure_unit_proven",
     )
+
+
+def _mean_reading(gauge: "PressureGauge", config: "RigConfig", platform: "Platform") -> "PressureReading":
+    """The last reading, its pressure the mean of half a second."""
+    from labctl.clock import rig_clock
+    from labctl.safety.zero import watch_gauge
+
+    clock = rig_clock(config.speed, platform.scheduler)
+    reading, _ = watch_gauge(gauge.read, lambda seen: seen.at_rest, _ZERO_LOOK_S, clock)
+    assert reading is not None  # noqa: S101 - `read` raises where it cannot
+    return reading
+
+
+def _gauge_zero(config: "RigConfig", platform: "Platform") -> list[Finding]:
+    """What the reading says of the gauge's zero; only an open way out shows it from both sides."""
+    from labctl.drivers.opening import open_regulator, open_valves
+    from labctl.errors import LabError
+    from labctl.safety.safe_state import judge
+    from labctl.safety.zero import zero_problem
+
+    try:
+        with ExitStack() as opened:
+            regulator = open_regulator(config.regulator, config.limits, platform.scheduler, platform.wires)
+            opened.callback(regulator.close)
+            valves = open_valves(config.valves, platform.scheduler, platform.wires)
+            opened.callback(valves.close)
+            reading = _mean_reading(regulator, config, platform)
+            state = judge(reading, valves.read(), config.limits, config.valves.dump_channel)
+    # Whichever does not answer has a line of its own.
+    except LabError:
+        return [Finding("gauge zero", "unknown", "not seen while an instrument does not answer")]
+    limits = config.limits
+    if state.safe:
+        return [Finding("gauge zero", "ok", f"reads {reading.gauge_psi:z.2f} psi with the way out open")]
+    problem = zero_problem(reading.gauge_psi, limits)
+    if problem is not None and state.only_zero_is_off:
+        return [Finding("gauge zero", "fault", problem)]
+    if problem is not None and reading.setpoint_psi == 0:
+        text = (
+            f"{reading.gauge_psi:.2f} psi at setpoint 0, not 0 +- {limits.zero_within_psi:g} psi: pressure is left, "
+            "or the gauge's zero is off. labctl vent opens the way out and looks; if it reads so then too, tare"
+        )
+        return [Finding("gauge zero", "fault", text)]
+    text = (
+        "the way out is not open: a regulator in control steers its own reading to its setpoint, true or not. "
+        "labctl vent opens it and looks; so does every run before it energises anything"
+    )
+    return [Finding("gauge zero", "unknown", text)]
+
+
+def _second_gauge(config: "RigConfig", platform: "Platform") -> list[Finding]:
+    from labctl.drivers.opening import open_gauge, open_regulator
+    from labctl.safety.second_gauge import words_of_disagreement
+
+    if config.gauge is None:
+        text = "none in rig.toml: nobody sees a wrong gain of the regulator's gauge (see safety.md)"
+        return [Finding("second gauge", "missing", text)]
+    with ExitStack() as opened:
+        gauge = open_gauge(config.gauge, config.limits, platform.scheduler, platform.wires)
+        opened.callback(gauge.close)
+        who = _who(gauge.identify())
+        second_psi = _mean_reading(gauge, config, platform).gauge_psi
+        text = f"{who}; reads {second_psi:z.2f} psi; compared with the regulator's all the time, never written to"
+        findings = [Finding(gauge.name, "ok", text)]
+        regulator = open_regulator(config.regulator, config.limits, platform.scheduler, platform.wires)
+        opened.callback(regulator.close)
+        first_psi = _mean_reading(regulator, config, platform).gauge_psi
+    if abs(first_psi - second_psi) > config.limits.gauge_agreement_psi:
+        words = words_of_disagreement(regulator.name, first_psi, gauge.name, second_psi, config.limits)
+        findings.append(Finding(gauge.name, "fault", words))
+    return findings
 
 
 def _setpoint_source(identity: "Identity") -> Finding:
@@ -155,11 +233,14 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
     from labctl.mocap.window import average
     from labctl.rig.marker_feed import MarkerFeed
 
-    source = open_markers(config.markers, platform.scheduler, platform.scheduler, platform.wires)
-    feed = MarkerFeed(source, platform.scheduler)
-    try:
+    with ExitStack() as opened:
+        source = open_markers(config.markers, platform.scheduler, platform.scheduler, platform.wires)
+        opened.callback(source.close)
         identity = source.identify()
         source.start()
+        feed = MarkerFeed(source, platform.scheduler)
+        # Closed first, and the source after it, whatever becomes of the feed.
+        opened.callback(feed.close)
         feed.start()
         mark = feed.mark()
         platform.scheduler.sleep(_MARKER_LOOK_S)
@@ -167,9 +248,6 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
         feed.close()
         # What was passed over in the stream stands in the notes by now.
         passed_over = set(source.identify().notes) - set(identity.notes)
-    finally:
-        feed.close()
-        source.close()
     ids = [point.id for point in config.markers.points]
     window = average(frames, ids)
     unseen = [str(marker) for marker, seen in zip(ids, window.seen, strict=True) if seen == 0]
@@ -190,9 +268,11 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
 def _guard(config: "RigConfig", platform: "Platform") -> list[Finding]:
     start_s = platform.scheduler.now_s()
     guard = platform.start_guard(config)
-    guard.wait_armed()
-    took_s = platform.scheduler.now_s() - start_s
-    guard.stand_down()
+    try:
+        guard.wait_armed()
+        took_s = platform.scheduler.now_s() - start_s
+    finally:
+        guard.stand_down()
     return [
         Finding(
             "guard process",

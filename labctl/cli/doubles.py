@@ -40,6 +40,14 @@ def doubles() -> None:
     help="Protocol of the regulator.",
 )
 @click.option(
+    "--regulator-firmware",
+    "firmware",
+    type=click.Choice(["5v12", "6v21", "7v09", "8v17", "8v30", "9v00", "10v05", "10v20", "gp"]),
+    default="10v20",
+    show_default=True,
+    help="Firmware of the regulator on ASCII: how it shows its numbers and what it knows.",
+)
+@click.option(
     "--valves",
     "transport",
     type=click.Choice(["rtu", "tcp"]),
@@ -64,6 +72,11 @@ def doubles() -> None:
 @click.option("--single-valve", is_flag=True, help="Regulator model PC, which cannot exhaust, not PCD.")
 @click.option(
     "--dump-channel", type=click.IntRange(1, 32), help="Put a normally-open dump valve on this channel."
+)
+@click.option(
+    "--second-gauge",
+    type=click.Choice(["alicat-ascii", "alicat-modbus"]),
+    help="Tap a second gauge into the chamber, of this protocol.",
 )
 @click.option(
     "--speed",
@@ -125,11 +138,13 @@ def doubles() -> None:
 def serve(
     out_path: Path,
     regulator: str,
+    firmware: str,
     transport: str,
     serial: str,
     relay_channels: str,
     single_valve: bool,
     dump_channel: int | None,
+    second_gauge: str | None,
     speed: float,
     seed: int,
     gap_texts: tuple[str, ...],
@@ -158,6 +173,7 @@ def serve(
     settings = DoublesSettings(
         design=load_design(design_name),
         regulator=regulator,  # type: ignore[arg-type]  # click.Choice allows these names only
+        regulator_firmware=firmware,  # type: ignore[arg-type]  # likewise
         valve_transport=transport,  # type: ignore[arg-type]  # likewise
         serial=serial,  # type: ignore[arg-type]  # likewise
         relay_channels=int(relay_channels),  # type: ignore[arg-type]  # likewise
@@ -170,6 +186,7 @@ def serve(
         ),
         faults=parse_faults(fault_texts),
         dump_channel=dump_channel,
+        second_gauge=second_gauge,  # type: ignore[arg-type]  # likewise
         trace_path=trace_path,
     )
 

@@ -41,7 +41,9 @@ COMMANDS = {
     "verify": ("labctl.cli.verify", "verify", "Compute every number of a run again from its raw recordings."),
     "report": ("labctl.cli.report", "report", "Write an HTML report of one or several runs."),
     "export": ("labctl.cli.export", "export", "Export a run as CSV, Parquet or C3D files."),
+    "watch": ("labctl.cli.watch", "watch", "Follow what a command in another terminal does with its rig."),
     "vent": ("labctl.cli.vent", "vent", "Take the rig to SAFE and read it back."),
+    "tare": ("labctl.cli.tare", "tare", "Tare the gauge of a vented rig, read it back, record it."),
     "status": ("labctl.cli.status", "status", "Show what the instruments read now; writes nothing to them."),
     "doctor": (
         "labctl.cli.doctor",
@@ -125,7 +127,7 @@ def run(arguments: Sequence[str], platform: "Platform | None" = None) -> int:
         return fail(error.exit_code, _with_cause(error))
     except OSError as error:
         # Whoever read the output is gone, or the disk is full; the rig was closed by its own `with` block.
-        _leave_streams()
+        leave_streams()
         return fail(1, f"the output could not be written ({error.strerror or error})")
     except Exception as error:
         traceback.print_exc()
@@ -158,7 +160,7 @@ def _open_missing_streams() -> None:
         sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115 - likewise
 
 
-def _leave_streams() -> None:
+def leave_streams() -> None:
     """Keep the interpreter's last flush from failing on a stream that already has."""
     with suppress(OSError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -19,6 +19,16 @@ def rig_option(command: Callable[..., Any]) -> Callable[..., Any]:
     )(command)
 
 
+def held_rig_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The --rig option of commands that reach those in other terminals."""
+    return click.option(
+        "--rig",
+        "rig_path",
+        type=NonEmptyPath(),
+        help="The rig's configuration, rig.toml. Without it: what commands of yours hold.",
+    )(command)
+
+
 def design_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """The --design option."""
     return click.option(

@@ -42,10 +42,18 @@ def runs(ledger_folder: Path, as_json: bool) -> None:
 
     with Ledger.open(ledger_folder, print_notice) as ledger:
         lines = [_line(ledger, run) for run in ledger.runs()]
+        tared = [
+            {"at": event.at.wall, **event.detail} for event in ledger.events(None) if event.kind == "tared"
+        ]
         lost = [dict(event.detail) for event in ledger.events(None) if event.kind == "lost"]
     if as_json:
         emit_json(
-            {"ledger": str(ledger_folder), "runs": [_for_machines(line) for line in lines], "lost": lost}
+            {
+                "ledger": str(ledger_folder),
+                "runs": [_for_machines(line) for line in lines],
+                "tared": tared,
+                "lost": lost,
+            }
         )
         return
     if lines:
@@ -55,6 +63,11 @@ def runs(ledger_folder: Path, as_json: bool) -> None:
         )
     else:
         click.echo(f"{ledger_folder}: no runs yet")
+    for each in tared:
+        click.echo(
+            f"{each['at'][:16].replace('T', ' ')} tared: {each['rig']}{' (SIMULATED)' if each['simulated'] else ''}, "
+            f"which read {each['before_psi']:.2f} psi at 0"
+        )
     for detail in lost:
         rows = format_rows({int(seq): what for seq, what in detail["rows"].items()})
         click.echo(

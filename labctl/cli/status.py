@@ -1,39 +1,76 @@
-"""`labctl status`: what the instruments read now; nothing is written to them."""
+"""`labctl status`: what the instruments read now, by whoever holds the rig; nothing is written to them."""
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.options import json_option, rig_option
-from labctl.cli.output import banner, emit_json, unit_json, unit_line
+from labctl.cli.options import held_rig_option, json_option
+from labctl.cli.output import ProgressLine, banner, emit_json, unit_json, unit_line
 from labctl.cli.rigs import chosen_rig
+
+if TYPE_CHECKING:
+    from labctl.config.rig import RigConfig
+    from labctl.holder.interfaces import Held
+    from labctl.holder.records import RigState
+    from labctl.instruments.readings import PressureReading
+    from labctl.stop import StopRequest
 
 
 @click.command()
-@rig_option
+@held_rig_option
 @json_option
 def status(rig_path: Path | None, as_json: bool) -> None:
-    """Show pressure, setpoint, status flags and valves as they read now; writes nothing to any instrument."""
+    """Show pressure, setpoint, status flags and valves as they read now; writes nothing to any instrument.
+
+    Of a rig that another labctl holds, what that reads, what it does and since when. Without --rig: every rig that is
+    held by you; doubles of this command's own where none is.
+    """
+    from labctl.cli.held import held_rigs
     from labctl.cli.interrupts import stop_on_signals
+    from labctl.holder.interfaces import RigHeld
+
+    with stop_on_signals() as stop, ProgressLine(quiet=True) as line:
+        found = held_rigs(rig_path)
+        if not found:
+            try:
+                with chosen_rig(rig_path, "known", stop, line.notify) as config:
+                    reading, channels_on = _read(config, stop)
+            except RigHeld as error:
+                found = (error.held,)
+    if found:
+        _show_held(found, as_json)
+    else:
+        _show(config, reading, channels_on, as_json)
+
+
+def _read(config: "RigConfig", stop: "StopRequest") -> tuple["PressureReading", frozenset[int]]:
     from labctl.cli.outcome import Outcome
     from labctl.drivers.opening import open_regulator, open_valves
     from labctl.errors import InstrumentError, RigUnavailable
+
+    platform = Outcome.current().platform
+    try:
+        with ExitStack() as opened:
+            regulator = open_regulator(config.regulator, config.limits, platform.scheduler, platform.wires)
+            opened.callback(regulator.close)
+            stop.check()
+            valves = open_valves(config.valves, platform.scheduler, platform.wires)
+            opened.callback(valves.close)
+            reading = regulator.read()
+            stop.check()
+            return reading, valves.read()
+    except InstrumentError as error:
+        raise RigUnavailable(f"{error} ({config.source})") from error
+
+
+def _show(
+    config: "RigConfig", reading: "PressureReading", channels_on: frozenset[int], as_json: bool
+) -> None:
     from labctl.safety.safe_state import judge
 
-    with stop_on_signals() as stop, chosen_rig(rig_path, "known", stop) as config:
-        platform = Outcome.current().platform
-        try:
-            with ExitStack() as opened:
-                regulator = open_regulator(
-                    config.regulator, config.limits, platform.scheduler, platform.wires
-                )
-                opened.callback(regulator.close)
-                valves = open_valves(config.valves, platform.scheduler, platform.wires)
-                opened.callback(valves.close)
-                reading, channels_on = regulator.read(), valves.read()
-        except InstrumentError as error:
-            raise RigUnavailable(f"{error} ({config.source})") from error
     report = judge(reading, channels_on, config.limits, config.valves.dump_channel)
     if as_json:
         emit_json(
@@ -45,6 +82,7 @@ def status(rig_path: Path | None, as_json: bool) -> None:
                 "setpoint_psi": reading.setpoint_psi,
                 "status": sorted(reading.status),
                 "channels_on": sorted(channels_on),
+                "held_by": None,
             }
         )
         return
@@ -56,3 +94,32 @@ def status(rig_path: Path | None, as_json: bool) -> None:
     click.echo(
         f"valves    {', '.join(map(str, sorted(channels_on))) or 'none'} of {config.valves.channels} on"
     )
+
+
+def _show_held(found: Sequence["Held"], as_json: bool) -> None:
+    from labctl.cli.held import condition, state_lines, state_of
+
+    states = [state_of(held) for held in found]
+    if as_json:
+        rigs = [_for_machines(state) for state in states]
+        emit_json(rigs[0] if len(rigs) == 1 else {"rigs": rigs})
+        return
+    for state in states:
+        banner(state.holder.simulated)
+        click.echo(f"{state.holder.rig_name}: {condition(state)}")
+        for line in state_lines(state):
+            click.echo(line)
+
+
+def _for_machines(state: "RigState") -> dict[str, Any]:
+    safe = state.read_back or state.safe
+    return {
+        "simulated": state.holder.simulated,
+        "safe": safe is not None and safe.safe,
+        "pressure_psi": state.pressure_psi,
+        "setpoint_psi": state.setpoint_psi,
+        "status": state.flags,
+        "channels_on": state.channels_on,
+        "held_by": state.holder,
+        "state": state,
+    }

@@ -46,20 +46,33 @@ def _missing_addresses(document: Document) -> Iterator[Problem]:
         return
     transport = _section(document, "valves").get("transport")
     valves_key = {"rtu": "port", "tcp": "host"}.get(transport) if isinstance(transport, str) else None
-    for section, key in (("regulator", "port"), ("valves", valves_key), ("markers", "host")):
+    for section, key in (
+        ("regulator", "port"),
+        ("valves", valves_key),
+        ("markers", "host"),
+        ("gauge", "port"),
+    ):
         if key is not None and section in document.table and key not in _section(document, section):
             because = f' with transport = "{transport}"' if section == "valves" else ""
             yield problem_at(document, (section, key), f"is missing{because}; a real rig needs its address")
 
 
 def _shared_port(document: Document) -> Iterator[Problem]:
-    valves = _section(document, "valves")
-    ours, theirs = _section(document, "regulator").get("port"), valves.get("port")
-    if valves.get("transport") != "rtu" or not isinstance(ours, str) or not isinstance(theirs, str):
-        return
-    if ours and theirs and _same_device(ours, theirs):
-        message = f'is the port of regulator.port = "{ours}" too; give each instrument its own'
-        yield problem_at(document, ("valves", "port"), message)
+    serial = ["regulator"]
+    if _section(document, "valves").get("transport") == "rtu":
+        serial.append("valves")
+    serial.append("gauge")
+    ports = [(section, _section(document, section).get("port")) for section in serial]
+    taken: list[tuple[str, str]] = []
+    for section, port in ports:
+        if not isinstance(port, str) or not port:
+            continue
+        other = next((name for name, theirs in taken if _same_device(theirs, port)), None)
+        if other is not None:
+            theirs = _section(document, other)["port"]
+            message = f'is the port of {other}.port = "{theirs}" too; give each instrument its own'
+            yield problem_at(document, (section, "port"), message)
+        taken.append((section, port))
 
 
 def _same_device(one: str, other: str) -> bool:

@@ -1,6 +1,6 @@
 """The rig as its configuration file describes it: instruments, addresses, limits, markers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,6 +11,11 @@ from labctl.errors import BadInput
 PressureUnit = Literal["psi", "kPa", "bar", "mbar"]
 WordOrder = Literal["high-first", "low-first"]
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+
+#: Below this a sheet counts as uninflated: a fortieth of the usual inflation.
+UNINFLATED_PSI = 0.1
+# A mean of readings in hundredths shows a zero no better than this.
+ZERO_UNSURE_PSI = 0.02
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,20 @@ class RegulatorConfig:
         if proof is None:
             return f"{self.pressure_unit} by rig.toml, NOT PROVEN: over Modbus the device does not tell it"
         return f"{self.pressure_unit}, proven: {proof}"
+
+
+@dataclass(frozen=True)
+class GaugeConfig:
+    """A second gauge of the sheet's pressure, which is read and never written to; the keys are the regulator's."""
+
+    name: str
+    driver: Literal["alicat-ascii", "alicat-modbus"]
+    port: str
+    baudrate: int
+    unit_id: str
+    device_id: int
+    pressure_unit: PressureUnit
+    timeout_s: float
 
 
 @dataclass(frozen=True)
@@ -103,7 +122,12 @@ class MarkersConfig:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the rig may do, and when the supervisor ends it."""
+    """What the rig may do, and when the supervisor ends it.
+
+    `rest_within_psi` is what the regulator leaves between reading and setpoint when it is at rest. `sheet_response_s`
+    is the longest time constant with which a sheet follows its pressure, `sheet_creep` the share of its rise by which
+    it creeps on in each tenfold of time.
+    """
 
     max_pressure_psi: float = 4.0
     warn_pressure_psi: float = 4.1
@@ -120,8 +144,35 @@ class Limits:
     vent_timeout_s: float = 10.0
     follow_within_psi: float = 1.0
     follow_timeout_s: float = 5.0
+    rest_within_psi: float = 0.03
+    still_after_s: float = 0.75
+    sheet_response_s: float = 1.8
+    sheet_creep: float = 0.05
+    unseen_after_s: float = 1.0
+    tare_within_psi: float = 0.5
+    gauge_agreement_psi: float = 0.25
     warn_lateness_s: float = 0.02
     max_lateness_s: float = 0.25
+
+    @property
+    def zero_within_psi(self) -> float:
+        """How far from 0 a gauge may read where the pressure must be 0: by as much the truth is off elsewhere."""
+        return min(self.hold_tolerance_psi, UNINFLATED_PSI)
+
+    def for_zero(self, zero_psi: float) -> "Limits":
+        """The limits on readings of a gauge that reads `zero_psi` at 0, such that they hold for the true pressure.
+
+        A gauge that reads too little brings each of them down by as much; one that reads too much raises none.
+        """
+        low_psi = max(0.0, -zero_psi)
+        if low_psi <= ZERO_UNSURE_PSI:
+            return self
+        return replace(
+            self,
+            max_pressure_psi=self.max_pressure_psi - low_psi,
+            warn_pressure_psi=self.warn_pressure_psi - low_psi,
+            trip_pressure_psi=self.trip_pressure_psi - low_psi,
+        )
 
     def check_pressure(self, pressure_psi: float, source: str) -> None:
         """Refuse a pressure to hold that this rig must not go to; `source` names the rig's file.
@@ -161,7 +212,10 @@ class MeasurementConfig:
 
 @dataclass(frozen=True)
 class RigConfig:
-    """One rig. `speed` is how fast its time runs against the wall's: 1 for real instruments, always."""
+    """One rig. `speed` is how fast its time runs against the wall's: 1 for real instruments, always.
+
+    `gauge` is a second gauge, None where there is none.
+    """
 
     name: str
     source: str
@@ -172,3 +226,4 @@ class RigConfig:
     markers: MarkersConfig
     limits: Limits
     measurement: MeasurementConfig
+    gauge: GaugeConfig | None = None

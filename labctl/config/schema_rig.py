@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationInfo, fiel
 from labctl.config.quantity import DURATION, FREQUENCY, LENGTH, PRESSURE, PRESSURE_RATE
 from labctl.config.rig import (
     Axis,
+    GaugeConfig,
     Limits,
     MarkerPoint,
     MarkersConfig,
@@ -31,9 +32,19 @@ LONGEST_EXCHANGE_S = 1.0
 LONGEST_TIMEOUT_S = 10.0
 # Above this a sheet is not empty.
 HIGHEST_SAFE_PSI = 0.5
+# A gauge that is further off is broken, or shows a pressure that is there.
+HIGHEST_TARE_PSI = 1.0
+# Two gauges differ by their last digits and by what flows between their readings; by more than the higher one, the
+# second is no witness.
+LOWEST_AGREEMENT_PSI, HIGHEST_AGREEMENT_PSI = 0.05, 1.0
 # What a marker feed holds at 960 Hz.
 LONGEST_CAPTURE_S = 60.0
 LONGEST_STALE_S = 2.0
+# A regulator that leaves more at rest controls nothing.
+HIGHEST_REST_PSI = 0.5
+# Longer, and a pressure that nobody reads has climbed too far.
+LONGEST_STILL_S = 5.0
+LONGEST_RESPONSE_S = 60.0
 # The supervisor looks every 50 ms, and an exchange takes some.
 SHORTEST_WATCH_S = 0.2
 LOWEST_FREQUENCY_HZ = 10.0
@@ -105,6 +116,34 @@ class RegulatorSection(Section):
             timeout_s=self.timeout,
             pressure_unit_proven=self.pressure_unit_proven or "",
             word_order=self.word_order,
+        )
+
+
+class GaugeSection(Section):
+    """[gauge], where there is a second one."""
+
+    name: Name = "second gauge"
+    driver: Annotated[
+        Literal["alicat-ascii", "alicat-modbus"], PlainValidator(OneOf(("alicat-ascii", "alicat-modbus")))
+    ]
+    port: Port | None = None
+    baudrate: Baudrate = 19200
+    unit_id: Annotated[str, PlainValidator(Text("one letter from A to Z", "[A-Z]"))] = "A"
+    device_id: DeviceId = 1
+    pressure_unit: Annotated[PressureUnit, PlainValidator(OneOf(("psi", "kPa", "bar", "mbar")))]
+    timeout: Exchange = 0.5
+
+    def config(self) -> GaugeConfig:
+        """The second gauge as the rest of the program knows it."""
+        return GaugeConfig(
+            name=self.name,
+            driver=self.driver,
+            port=self.port or "",
+            baudrate=self.baudrate,
+            unit_id=self.unit_id,
+            device_id=self.device_id,
+            pressure_unit=self.pressure_unit,
+            timeout_s=self.timeout,
         )
 
 
@@ -222,6 +261,25 @@ class LimitsSection(Section):
     max_lateness: Annotated[
         float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_HEARTBEAT_S, above_low=True)))
     ] = Limits.max_lateness_s
+    rest_within: Annotated[
+        float, PlainValidator(Quantity(PRESSURE, Range(0, HIGHEST_REST_PSI, above_low=True)))
+    ] = Limits.rest_within_psi
+    still_after: Annotated[
+        float, PlainValidator(Quantity(DURATION, Range(SHORTEST_WATCH_S, LONGEST_STILL_S)))
+    ] = Limits.still_after_s
+    sheet_response: Annotated[
+        float, PlainValidator(Quantity(DURATION, Range(0, LONGEST_RESPONSE_S, above_low=True)))
+    ] = Limits.sheet_response_s
+    sheet_creep: Annotated[float, PlainValidator(Number(Range(0, 0.5)))] = Limits.sheet_creep
+    unseen_after: Annotated[
+        float, PlainValidator(Quantity(DURATION, Range(SHORTEST_WATCH_S, LONGEST_STALE_S)))
+    ] = Limits.unseen_after_s
+    tare_within: Annotated[
+        float, PlainValidator(Quantity(PRESSURE, Range(0, HIGHEST_TARE_PSI, above_low=True)))
+    ] = Limits.tare_within_psi
+    gauge_agreement: Annotated[
+        float, PlainValidator(Quantity(PRESSURE, Range(LOWEST_AGREEMENT_PSI, HIGHEST_AGREEMENT_PSI)))
+    ] = Limits.gauge_agreement_psi
 
     @field_validator("warn_pressure", "trip_pressure")
     @classmethod
@@ -259,6 +317,13 @@ class LimitsSection(Section):
             follow_timeout_s=self.follow_timeout,
             warn_lateness_s=self.warn_lateness,
             max_lateness_s=self.max_lateness,
+            rest_within_psi=self.rest_within,
+            still_after_s=self.still_after,
+            sheet_response_s=self.sheet_response,
+            sheet_creep=self.sheet_creep,
+            unseen_after_s=self.unseen_after,
+            tare_within_psi=self.tare_within,
+            gauge_agreement_psi=self.gauge_agreement,
         )
 
 
@@ -307,6 +372,7 @@ class RigFile(Section):
     regulator: RegulatorSection
     valves: ValvesSection
     markers: MarkersSection
+    gauge: GaugeSection | None = None
     limits: LimitsSection = LimitsSection()
     measurement: MeasurementSection = MeasurementSection()
 
@@ -342,4 +408,5 @@ class RigFile(Section):
             markers=self.markers.config(),
             limits=self.limits.config(),
             measurement=self.measurement.config(len(self.markers.points)),
+            gauge=None if self.gauge is None else self.gauge.config(),
         )

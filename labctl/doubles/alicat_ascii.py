@@ -1,61 +1,64 @@
 """An Alicat PC/PCD pressure controller on its ASCII protocol.
 
-Sources: Alicat PC series manual and serial primer (commands, data frame, legacy integer setpoint);
-public captures of a PCD with firmware 10v20 (the tables of ??D* and ??M*). See docs/reference/hardware.md.
+Sources: Alicat PC series manual and serial primer (commands, data frame, legacy integer setpoint); public captures of
+devices with firmware 5v12 to 10v20 (`alicat_variants`); a public program of a test stand with PCDs (`E` and `C`). See
+docs/reference/hardware.md.
 """
 
 import re
 from collections.abc import Callable
 
 from labctl.clock import Clock
+from labctl.doubles.alicat_answers import AlicatAnswers, DeviceSettings
+from labctl.doubles.alicat_tables import layout_table, manufacturing_table
+from labctl.doubles.alicat_variants import BARG, NEWEST, PSIG, VARIANTS, FirmwareName, Unit
 from labctl.doubles.chamber import Mode
 from labctl.doubles.faults import FaultPanel
-from labctl.doubles.plant import Plant, PlantState
+from labctl.doubles.plant import Pneumatics
 
 STREAMING_ID = "@"
 #: The legacy integer setpoint that means full scale.
 LEGACY_FULL_SCALE = 64000
 LEGACY_MAX = 65535
-FIRMWARE = "10v20.0-R24"
-PSI_PER_BAR = 14.503773773
 _CR = "\r"
+_PREFIX = "$$"
 _NUMBER = re.compile(r"\s*([+-]?\d+(?:\.\d*)?|[+-]?\.\d+)\s*")
-
-_LAYOUT = (
-    "D00 ID_ NAME______________________ TYPE_______ WIDTH NOTES___________________",
-    "D01 700 Unit ID                    string          1",
-    "D02 006 Gauge Press                s decimal     7/2 010 02 PSIG",
-    "D03 038 Ga Press Setpt             s decimal     7/2 010 02 PSIG",
-    "D04 701 *Error                     string          3 ADC",
-    "D05 702 *Status                    string          3 EXH",
-    "D06 703 *Status                    string          3 HLD",
-    "D07 704 *Status                    string          3 LCK",
-    "D08 705 *Status                    string          3 OPL",
-    "D09 706 *Status                    string          3 POV",
-    "D10 707 *Status                    string          3 COM",
-)
+_HALF_A_LINE = b"A +"
 
 
 class AlicatAscii:
-    """The device: state of its own (unit id, setpoint source, streaming) and the plant behind it.
+    """The device: state of its own (unit id, setpoint source, streaming, lock) and the plant behind it.
 
     Letters count the same in either case. A line for another unit gets no answer, a command that it does not
-    know gets "?". Bare digits behind the unit id are a legacy setpoint in 64000ths of full scale. With the
-    setpoint source "A" (analog) a setpoint is answered by an ordinary frame and not taken over.
+    know gets "?" (none, by GP firmware). Bare digits behind the unit id are a legacy setpoint in 64000ths of full
+    scale. With the setpoint source "A" (analog) a setpoint is answered by an ordinary frame and not taken over.
     """
 
-    def __init__(self, plant: Plant, faults: FaultPanel, clock: Clock, unit_id: str = "A") -> None:
+    def __init__(
+        self,
+        plant: Pneumatics,
+        faults: FaultPanel,
+        clock: Clock,
+        unit_id: str = "A",
+        firmware: FirmwareName = NEWEST,
+    ) -> None:
         self._plant = plant
         self._faults = faults
         self._clock = clock
         self.unit_id = unit_id.upper()
+        self._variant = VARIANTS[firmware]
+        self._settings = DeviceSettings()
+        self._answers = AlicatAnswers(plant, self._variant, self._settings, self._unit)
         self._source = "S"
-        self._stream_interval_s = 0.05
+        self._locked = False
         self._stream_due_s = 0.0
+        self._left_behind: set[str] = set()
 
     @property
     def streaming(self) -> bool:
         """The device sends data frames unasked."""
+        if self._left("streaming"):
+            self.unit_id = STREAMING_ID
         return self.unit_id == STREAMING_ID
 
     def streamed(self) -> str:
@@ -63,42 +66,76 @@ class AlicatAscii:
         now_s = self._clock.now_s()
         if not self.streaming or now_s < self._stream_due_s:
             return ""
-        self._stream_due_s = now_s + self._stream_interval_s
-        return self._frame()
+        self._stream_due_s = now_s + self._settings.stream_ms / 1000
+        # A captured 10v20 leaves the unit id out.
+        return self._frame().removeprefix(STREAMING_ID if self._variant.knows((10, 0)) else "")
+
+    def half_a_line(self) -> bytes:
+        """What another program has left of a line that it did not end."""
+        return _HALF_A_LINE if self._left("half-line") else b""
 
     def answer(self, line: str) -> str | None:
         """The reply to one line (without its CR); None or nothing where the device stays silent."""
         line = line.strip().upper()
         if self.streaming:
-            return self._readdress(line[3:]) if line.startswith("@@=") else None
+            return self._readdress(line[3:]) if line.startswith(("@@=", "@@ ")) else None
         if not line or line[0] != self.unit_id:
             return None
-        reply = self._command(line[1:])
-        return "?" + _CR if reply is None else reply
+        reply = self._command(line[1:].removeprefix(_PREFIX), line[1:].startswith(_PREFIX))
+        if reply is None:
+            return None if self._variant.is_gp else "?" + _CR
+        return reply
 
-    def _command(self, command: str) -> str | None:
-        verbs: dict[str, Callable[[], str | None]] = {
+    def _command(self, command: str, prefixed: bool) -> str | None:
+        questions: dict[str, Callable[[], str | None]] = {
             "": self._frame,
+            "VE": self._version,
+            "??D*": lambda: _lines(
+                layout_table(self._variant, self.unit_id, self._plant.full_scale_psi, self._unit())
+            ),
+            "??M*": lambda: _lines(
+                manufacturing_table(
+                    self._variant, self.unit_id, self._plant.settings.single_valve, self._plant.full_scale_psi
+                )
+            ),
+        }
+        if command in questions:
+            return questions[command]()
+        if command.startswith(("@=", "@ ")):
+            return self._readdress(command[2:])
+        if self._variant.is_gp and not prefixed:
+            return ""
+        return self._obey(command)
+
+    def _obey(self, command: str) -> str | None:
+        self._find_ramp()
+        actions: dict[str, Callable[[], str | None]] = {
             "HP": lambda: self._switch(Mode.HOLD_CURRENT),
             "HC": lambda: self._switch(Mode.HOLD_CLOSED),
+            "H": lambda: self._switch(
+                Mode.HOLD_CURRENT if self._plant.settings.single_valve else Mode.HOLD_CLOSED
+            ),
             "C": lambda: self._switch(Mode.CONTROL),
             "E": self._exhaust,
             "P": self._tare,
-            "VE": lambda: f"{self.unit_id}   {FIRMWARE} Jan  9 2025,15:04:07{_CR}",
-            "??D*": lambda: self._table(self._layout()),
-            "??M*": lambda: self._table(self._manufacturer()),
-            "LS": self._loop_setpoint,
+            "TP": self._tare,
+            "L": lambda: self._lock(True),
+            "U": lambda: self._lock(False),
         }
-        if command in verbs:
-            return verbs[command]()
-        if command.startswith("@="):
-            return self._readdress(command[2:])
-        if command.startswith("W91="):
-            return self._stream_interval(command[4:])
+        if command in actions:
+            return actions[command]()
+        if command.startswith("L") and self._variant.locks_by_l:
+            return self._lock(True)
         if command.startswith("LSS"):
             return self._setpoint_source(command[3:])
+        if command.startswith("DV"):
+            data = self._answers.data(command[2:].split())
+            return None if data is None else data + _CR
+        answer = self._answers.answer(command)
+        if answer is not None:
+            return f"{self.unit_id} {answer}{_CR}"
         if command.startswith("LS"):
-            return self._loop_setpoint() if self._take_setpoint(command[2:]) else None
+            return self._loop_setpoint(command[2:])
         if command.startswith("S"):
             return self._frame() if self._take_setpoint(command[1:]) else None
         if command.isdecimal() and int(command) <= LEGACY_MAX:
@@ -108,22 +145,37 @@ class AlicatAscii:
 
     def _frame(self) -> str:
         state = self._plant.state()
-        # Adding 0 makes a rounded -0.0 a plain zero.
-        pressure = round(state.measured_psi / self._unit_psi(), 2) + 0.0
-        values = f"{self.unit_id} {pressure:+07.2f} {state.setpoint_psi / self._unit_psi():+07.2f}"
-        return values + "".join(f" {token}" for token in _status(state)) + _CR
+        pressure_psi = state.measured_psi
+        if abs(pressure_psi) < self._settings.zero_band / 100 * self._plant.full_scale_psi:
+            pressure_psi = 0.0
+        words = {
+            "P2O": self._faults.active("second-sensor") is not None,
+            "HLD": state.holding,
+            "EXH": state.exhausting,
+            "LCK": self._locked,
+        }
+        blank = "" if self._faults.active("no-blank") else " "
+        shown = (
+            self._variant.pressure.format(pressure_psi / self._unit().psi),
+            self._variant.setpoint.format(state.setpoint_psi / self._unit().psi),
+        )
+        status = (word for word, on in words.items() if on)
+        return " ".join((self.unit_id + blank + shown[0], shown[1], *status)) + _CR
 
-    def _unit_psi(self) -> float:
-        """One of the unit that the device is set to, in psi."""
-        return PSI_PER_BAR if self._faults.active("unit-bar") else 1.0
+    def _version(self) -> str:
+        if self._variant.version_date is None or self._faults.active("silent-version"):
+            return ""
+        return f"{self.unit_id}   {self._variant.revision} {self._variant.version_date}{_CR}"
 
-    def _layout(self) -> tuple[str, ...]:
-        if not self._faults.active("unit-bar"):
-            return _LAYOUT
-        return tuple(row.replace("010 02 PSIG", "007 02 BARG") for row in _LAYOUT)
+    def _unit(self) -> Unit:
+        return BARG if self._faults.active("unit-bar") else PSIG
 
     def _switch(self, mode: Mode) -> str:
         self._plant.switch_mode(mode)
+        return self._frame()
+
+    def _lock(self, locked: bool) -> str:
+        self._locked = locked
         return self._frame()
 
     def _exhaust(self) -> str | None:
@@ -135,28 +187,47 @@ class AlicatAscii:
 
     def _take_setpoint(self, text: str) -> bool:
         number = _NUMBER.fullmatch(text)
-        if number is None or not 0 <= float(number[1]) * self._unit_psi() <= self._plant.full_scale_psi:
+        if number is None or not 0 <= float(number[1]) * self._unit().psi <= self._plant.full_scale_psi:
             return False
-        self._hand_over(float(number[1]) * self._unit_psi())
+        self._hand_over(float(number[1]) * self._unit().psi)
         return True
 
     def _hand_over(self, setpoint_psi: float) -> None:
-        if self._setpoint_source_now() != "A" and not self._faults.active("stuck-setpoint"):
-            self._plant.write_setpoint(setpoint_psi)
+        if self._setpoint_source_now() == "A" or self._faults.active("stuck-setpoint"):
+            return
+        ramps = self._settings.ramps(setpoint_psi, self._plant.state().setpoint_psi)
+        self._plant.write_setpoint(
+            setpoint_psi, self._settings.ramp_per_s * self._unit().psi if ramps else 0.0
+        )
 
-    def _loop_setpoint(self) -> str:
-        setpoint = self._plant.state().setpoint_psi / self._unit_psi()
-        unit = "7 BARG" if self._faults.active("unit-bar") else "10 PSIG"
-        return f"{self.unit_id} {setpoint:+07.2f} {setpoint:+07.2f} {unit}{_CR}"
+    def _find_ramp(self) -> None:
+        """Take over the ramp that the device is found with."""
+        fault = self._faults.active("own-ramp")
+        if fault is not None and self._left("own-ramp"):
+            self._settings.ramp, self._settings.ramp_unit = fault.value / self._unit().psi, 4
+
+    def _loop_setpoint(self, text: str) -> str | None:
+        if not self._variant.knows((9, 0)) or (text and not self._take_setpoint(text)):
+            return None
+        state = self._plant.state()
+        now, requested = (
+            self._variant.setpoint.format(psi / self._unit().psi)
+            for psi in (state.setpoint_psi, state.requested_psi)
+        )
+        return f"{self.unit_id} {now} {requested} {self._unit().code} {self._unit().label}{_CR}"
 
     def _setpoint_source_now(self) -> str:
         return "A" if self._faults.active("ignored-setpoint") else self._source
 
     def _setpoint_source(self, text: str) -> str | None:
-        value = text.strip()
-        if value not in ("", "A", "S", "U"):
+        source, *save = text.split() or [""]
+        if (
+            not self._variant.knows((10, 5))
+            or source not in ("", "A", "S", "U")
+            or save not in ([], ["0"], ["1"])
+        ):
             return None
-        self._source = value or self._source
+        self._source = source or self._source
         return f"{self.unit_id} {self._setpoint_source_now()}{_CR}"
 
     def _readdress(self, value: str) -> str | None:
@@ -166,39 +237,22 @@ class AlicatAscii:
         self._stream_due_s = self._clock.now_s()
         return "" if self.streaming else self._frame()
 
-    def _stream_interval(self, text: str) -> str | None:
-        if not text.isdecimal() or int(text) == 0:
-            return None
-        self._stream_interval_s = int(text) / 1000
-        return f"{self.unit_id} 091 = {int(text)}{_CR}"
-
-    def _table(self, rows: tuple[str, ...]) -> str:
-        return "".join(f"{self.unit_id} {row}{_CR}" for row in rows)
-
-    def _manufacturer(self) -> tuple[str, ...]:
-        model = "PC" if self._plant.settings.single_valve else "PCD"
-        valves = "" if self._plant.settings.single_valve else "-D"
-        return (
-            "M00 Alicat Scientific",
-            "M01 www.alicat.com",
-            "M02 Ph   520-290-6060",
-            "M03 info@alicat.com",
-            f"M04 Model Number {model}-{self._plant.full_scale_psi:.0f}PSIG{valves}",
-            "M05 Serial Number 123456",
-            "M06 Date Manufactured 01/09/2025",
-            "M07 Date Calibrated   01/09/2025",
-            "M08 Calibrated By     SIM",
-            f"M09 Software Revision {FIRMWARE}",
-        )
+    def _left(self, kind: str) -> bool:
+        """Whether a fault that a device is found with has begun, once."""
+        if kind in self._left_behind or self._faults.active(kind) is None:
+            return False
+        self._left_behind.add(kind)
+        return True
 
 
-def _status(state: PlantState) -> list[str]:
-    flags = {"EXH": state.exhausting, "HLD": state.holding}
-    return [token for token, shown in flags.items() if shown]
+def _lines(lines: list[str]) -> str:
+    return "".join(line + _CR for line in lines)
 
 
 class AsciiLine:
     """The device's end of a serial line: commands end in CR, replies too."""
+
+    is_text = True
 
     def __init__(self, device: AlicatAscii) -> None:
         self._device = device
@@ -211,7 +265,7 @@ class AsciiLine:
 
     def receive(self, data: bytes) -> list[bytes]:
         """Replies to the lines that `data` completes; a line for another unit gets none."""
-        self._buffer += data
+        self._buffer += self._device.half_a_line() + data
         *lines, rest = self._buffer.split(b"\r")
         self._buffer = bytearray(rest)
         replies = (self._device.answer(line.decode("ascii", "replace")) for line in lines)

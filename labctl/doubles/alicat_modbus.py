@@ -15,7 +15,7 @@ from labctl.doubles.modbus_frames import (
     ILLEGAL_VALUE,
     ModbusError,
 )
-from labctl.doubles.plant import Plant
+from labctl.doubles.plant import Pneumatics
 
 COMMAND, ARGUMENT = 999, 1000
 SETPOINT = 1009
@@ -40,7 +40,7 @@ class AlicatModbus:
     bytes does it to requests and replies alike.
     """
 
-    def __init__(self, plant: Plant, faults: FaultPanel, unit_id: int = 1, on_tcp: bool = False) -> None:
+    def __init__(self, plant: Pneumatics, faults: FaultPanel, unit_id: int = 1, on_tcp: bool = False) -> None:
         self._plant = plant
         self._faults = faults
         self.unit_id = unit_id

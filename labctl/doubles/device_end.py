@@ -4,7 +4,7 @@ from collections import deque
 from typing import Protocol
 
 from labctl.clock import Clock
-from labctl.doubles.faults import Delivery, LineFaults
+from labctl.doubles.line_faults import Delivery, LineFaults
 
 # Silence that ends a serial Modbus frame: 3.5 characters at 9600 baud are 4 ms.
 GAP_S = 0.005
@@ -15,7 +15,9 @@ class HangUpError(Exception):
 
 
 class Line(Protocol):
-    """A device's end of one connection: bytes in, replies out."""
+    """A device's end of one connection: bytes in, replies out; `is_text`: in lines that end in CR."""
+
+    is_text: bool
 
     @property
     def waiting(self) -> bool:
@@ -55,7 +57,12 @@ class DeviceEnd:
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the peer; raises like `Line.receive`."""
-        self._queue(self._line.receive(data))
+        if banner := self._faults.boot():
+            self._replies.clear()
+            self._replies.extend(banner)
+        self._replies.extend(self._faults.echo(data))
+        if not self._faults.booting:
+            self._queue(self._line.receive(data))
 
     def idle(self) -> None:
         """Nothing has come for `GAP_S`."""
@@ -64,7 +71,7 @@ class DeviceEnd:
     def take_due(self) -> list[bytes]:
         """What is to be sent by now, reply by reply."""
         if unprompted := self._line.unprompted():
-            self._replies.append(self._faults.deliver(unprompted, count=0))
+            self._replies.extend(self._faults.send(unprompted, is_text=self._line.is_text, count=0))
         due = []
         while self._replies and self._replies[0].due_s <= self._clock.now_s():
             due.append(self._replies.popleft().data)
@@ -72,4 +79,5 @@ class DeviceEnd:
 
     def _queue(self, replies: list[bytes]) -> None:
         for reply in replies:
-            self._replies.append(self._faults.deliver(reply, self._line.readdressed(reply)))
+            readdressed = self._line.readdressed(reply)
+            self._replies.extend(self._faults.send(reply, readdressed, is_text=self._line.is_text))

@@ -1,110 +1,21 @@
-"""Faults that a double can show: what each instrument allows, and how their texts are parsed."""
+"""Faults of doubles: how their texts are parsed, which have begun, and what those of an instrument's bytes do."""
 
 import math
-import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
-from typing import Literal
-
-import numpy as np
 
 from labctl.clock import Clock
+from labctl.doubles.fault_kinds import KINDS, Argument, Instrument
 from labctl.errors import BadInput
 
-Instrument = Literal["regulator", "valves", "markers"]
-Argument = Literal["", "seconds", "psi", "count", "channel", "percent"]
-
-_ANY_REPLY: dict[str, Argument] = {
-    "silent": "",
-    "garbage": "",
-    "truncated": "",
-    "late": "seconds",
-    "dies-after": "count",
-}
-
-#: Per instrument the kinds of fault and the argument that each takes ("" for none).
-ALLOWED: Mapping[Instrument, Mapping[str, Argument]] = MappingProxyType(
-    {
-        "regulator": MappingProxyType(
-            {
-                **_ANY_REPLY,
-                "wrong-address": "",
-                "stuck-setpoint": "",
-                "ignored-setpoint": "",
-                "stuck-exhaust": "",
-                "overpressure": "",
-                "frozen-sensor": "",
-                "low-sensor": "",
-                "swapped-words": "",
-                "swapped-bytes": "",
-                "unknown-status-bit": "",
-                "unit-bar": "",
-            }
-        ),
-        "valves": MappingProxyType(
-            {
-                **_ANY_REPLY,
-                "wrong-address": "",
-                "stuck-coils": "",
-                "stuck-coil": "channel",
-                "bytes-reversed": "",
-                "write-bytes-reversed": "",
-                "no-all-coil": "",
-                "no-multiple-write": "",
-                "single-coils-only": "",
-                "old-firmware": "",
-            }
-        ),
-        "markers": MappingProxyType(
-            {
-                **_ANY_REPLY,
-                "blind": "",
-                "bad-checksum": "percent",
-                "split": "",
-                "interleaved": "",
-                "filter-frames": "",
-                "payload-in-close": "",
-                "initialized-on-initialize-only": "",
-                "initialized-on-id-0-only": "",
-                "odd-greeting": "",
-                "error-events": "",
-                "repeated-times": "",
-                "times-back": "",
-                "partial-record": "",
-                "impossible-size": "",
-            }
-        ),
-    }
-)
+# Those that may be negative.
+_SIGNED = frozenset({"offset", "drift"})
+_WHOLE = frozenset({"count", "channel"})
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of one instrument.
-
-    Kinds of every instrument: `silent`; `garbage` (random bytes in place of each reply or frame);
-    `truncated` (half of it); `late` (`value` seconds later); `dies-after` (the port closes after `value`
-    requests, of a marker server after so many frames). Of the regulator and the valves: `wrong-address`
-    (the reply carries another device's address, all else intact).
-    Regulator: `stuck-setpoint` (accepted, never taken over); `ignored-setpoint` (the setpoint source is
-    analog); `stuck-exhaust` (EXH is reported, the valve stays shut); `overpressure` (the inlet sticks open);
-    `frozen-sensor`, `low-sensor` (the reading stays, or is -2 psi; the controller opens its inlet for it).
-    Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only).
-    Markers: `blind` (every marker occluded); `bad-checksum` (of a packet in `value` per cent of the frames);
-    `split` (packets arrive in two pieces, 10 ms apart); `interleaved` (events and other data within a frame);
-    `filter-frames` (a filter's frames beside the raw ones); `payload-in-close` (of the closing packet);
-    `initialized-on-initialize-only`, `initialized-on-id-0-only` (where the answer to initialize goes);
-    `odd-greeting` (tables in parts and after `opened`, unknown names). In every hundredth frame: `error-events`
-    (an error in words); `repeated-times`, `times-back` (its time is that of the frame before it, or earlier);
-    `partial-record` (a byte short); `impossible-size` (more than 4 MiB announced).
-    `unit-bar` (the device is set to bar, whatever rig.toml says). On Modbus: `swapped-words` (a gateway exchanges
-    the words of 32-bit values, both ways), `swapped-bytes` (the bytes of every word), `unknown-status-bit` (bit 20).
-    Valves: `stuck-coils` (writes are acknowledged, no coil moves); `stuck-coil` (channel `value` only);
-    `bytes-reversed` (function 01 answers its data bytes last first), `write-bytes-reversed` (function 0F takes them
-    so). Not answered: coil 0x00FF (`no-all-coil`); function 0F (`no-multiple-write`); both, and 01 for more than one
-    coil (`single-coils-only`); all but 05 for one coil and 01 at 0x00FF, eight channels (`old-firmware`).
-    Markers: `blind` (every marker occluded).
+    """One fault of one instrument, of a kind that `labctl.doubles.fault_kinds` has, with the kind's argument.
 
     It begins once the plant time is `from_s` and the plant's pressure has been `from_psi`, for good.
     """
@@ -122,10 +33,16 @@ class Faults:
     regulator: tuple[Fault, ...] = field(default=())
     valves: tuple[Fault, ...] = field(default=())
     markers: tuple[Fault, ...] = field(default=())
+    gauge: tuple[Fault, ...] = field(default=())
 
     def of(self, instrument: Instrument) -> tuple[Fault, ...]:
         """The faults of one instrument."""
-        return {"regulator": self.regulator, "valves": self.valves, "markers": self.markers}[instrument]
+        return {
+            "regulator": self.regulator,
+            "valves": self.valves,
+            "markers": self.markers,
+            "gauge": self.gauge,
+        }[instrument]
 
 
 def parse_faults(texts: Iterable[str]) -> Faults:
@@ -139,7 +56,7 @@ def parse_faults(texts: Iterable[str]) -> Faults:
     faults = Faults()
     for text in texts:
         name, equals, rest = text.partition("=")
-        instrument = next((known for known in ALLOWED if known == name.strip()), None)
+        instrument = next((known for known in KINDS if known == name.strip()), None)
         if not equals or instrument is None:
             raise BadInput(f"fault {text!r} is not INSTRUMENT=KIND; allowed: {_format_allowed()}")
         fault = _parse_kind(text, instrument, rest.strip())
@@ -147,6 +64,8 @@ def parse_faults(texts: Iterable[str]) -> Faults:
             faults = replace(faults, regulator=(*faults.regulator, fault))
         elif instrument == "valves":
             faults = replace(faults, valves=(*faults.valves, fault))
+        elif instrument == "gauge":
+            faults = replace(faults, gauge=(*faults.gauge, fault))
         else:
             faults = replace(faults, markers=(*faults.markers, fault))
     return faults
@@ -154,8 +73,10 @@ def parse_faults(texts: Iterable[str]) -> Faults:
 
 def _format_allowed() -> str:
     parts = []
-    for instrument, kinds in ALLOWED.items():
-        shown = (kind + (f":{argument.upper()}" if argument else "") for kind, argument in kinds.items())
+    for instrument, kinds in KINDS.items():
+        shown = (
+            name + (f":{kind.argument.upper()}" if kind.argument else "") for name, kind in kinds.items()
+        )
         parts.append(f"{instrument}= {', '.join(shown)}")
     when = "each may end in @SECONDS or @PSIpsi, the plant's time or pressure at which it begins"
     return "; ".join((*parts, when))
@@ -164,9 +85,9 @@ def _format_allowed() -> str:
 def _parse_kind(text: str, instrument: Instrument, rest: str) -> Fault:
     body, at, from_text = rest.partition("@")
     kind, colon, value_text = body.partition(":")
-    if kind not in ALLOWED[instrument]:
+    if kind not in KINDS[instrument]:
         raise BadInput(f"fault {text!r}: {instrument} has no fault {kind!r}; allowed: {_format_allowed()}")
-    argument = ALLOWED[instrument][kind]
+    argument = KINDS[instrument][kind].argument
     if bool(argument) != bool(colon):
         advice = f"write {instrument}={kind}:{argument.upper()}" if argument else "it takes no value"
         raise BadInput(f"fault {text!r}: {advice}")
@@ -183,11 +104,14 @@ def _number(text: str, what: Argument, value_text: str) -> float:
         value = float(value_text)
     except ValueError:
         value = math.nan
-    lowest = 1.0 if what == "channel" else 0.0
-    whole = what in ("seconds", "psi") or value.is_integer()
-    if not math.isfinite(value) or value < lowest or not whole:
-        kind = "a number" if what in ("seconds", "psi") else "a whole number"
-        raise BadInput(f"fault {text!r}: {what} is {value_text!r}; it must be {kind} of at least {lowest:g}")
+    lowest = -math.inf if what in _SIGNED else {"channel": 1.0, "factor": 0.1}.get(what, 0.0)
+    whole = what not in _WHOLE or value.is_integer()
+    highest = 100.0 if what == "percent" else math.inf
+    if not math.isfinite(value) or not lowest <= value <= highest or not whole:
+        kind = "a whole number" if what in _WHOLE else "a number"
+        least = "" if what in _SIGNED else f" of at least {lowest:g}"
+        least += f" and at most {highest:g}" if math.isfinite(highest) else ""
+        raise BadInput(f"fault {text!r}: {what} is {value_text!r}; it must be {kind}{least}")
     return value
 
 
@@ -211,60 +135,18 @@ class FaultPanel:
         """Replace all faults by `faults`."""
         self._faults = faults
 
+    @property
+    def empty(self) -> bool:
+        """No fault is there, begun or not."""
+        return not self._faults
+
     def active(self, kind: str) -> Fault | None:
         """The fault of that kind if it is there and has begun."""
-        for fault in self._faults:
-            if fault.kind == kind and self._begun(fault):
-                return fault
-        return None
+        return next(iter(self.all_active(kind)), None)
+
+    def all_active(self, kind: str) -> tuple[Fault, ...]:
+        """The faults of that kind that have begun."""
+        return tuple(fault for fault in self._faults if fault.kind == kind and self._begun(fault))
 
     def _begun(self, fault: Fault) -> bool:
         return self._clock.now_s() - self._origin_s >= fault.from_s and self._highest_psi() >= fault.from_psi
-
-
-@dataclass(frozen=True)
-class Delivery:
-    """Bytes to be sent when the clock reads `due_s`."""
-
-    due_s: float
-    data: bytes
-
-
-class LineFaults:
-    """The faults of an instrument's bytes: what becomes of each reply on its way out."""
-
-    def __init__(self, panel: FaultPanel, clock: Clock, rng: np.random.Generator) -> None:
-        self.panel = panel
-        self._clock = clock
-        self._rng = rng
-        self._lock = threading.Lock()
-        self._answered = 0
-        self.dead = False
-
-    def deliver(self, reply: bytes, readdressed: bytes | None = None, count: int = 1) -> Delivery:
-        """What is sent in place of `reply`, and when; `data` is empty where nothing is.
-
-        `readdressed` is the same reply with another device's address; `count` is the number of requests
-        (or frames) that the reply stands for. Sets `dead` when the instrument has died.
-        """
-        with self._lock:
-            due_s = self._clock.now_s()
-            self._count(count)
-            if self.dead or self.panel.active("silent"):
-                return Delivery(due_s, b"")
-            if readdressed is not None and self.panel.active("wrong-address"):
-                reply = readdressed
-            if self.panel.active("truncated"):
-                reply = reply[: len(reply) // 2]
-            if self.panel.active("garbage"):
-                reply = self._rng.bytes(len(reply))
-            late = self.panel.active("late")
-            return Delivery(due_s + late.value if late else due_s, reply)
-
-    def _count(self, count: int) -> None:
-        mortal = self.panel.active("dies-after")
-        if mortal is None:
-            self._answered = 0
-            return
-        self._answered += count
-        self.dead = self.dead or self._answered > mortal.value

@@ -9,7 +9,9 @@ from typing import Protocol, Self
 
 from labctl.clock import Clock
 from labctl.doubles.device_end import GAP_S, DeviceEnd, HangUpError, Line
-from labctl.doubles.faults import Faults, LineFaults
+from labctl.doubles.fault_kinds import Instrument
+from labctl.doubles.faults import Faults
+from labctl.doubles.line_faults import LineFaults
 from labctl.doubles.phasespace import ClientEnd, PhaseSpaceDevice
 from labctl.doubles.phasespace_packets import TooLargeError
 from labctl.doubles.plant import Plant
@@ -19,6 +21,7 @@ from labctl.doubles.simulated_rig import Shapes, SimulatedRig
 from labctl.errors import LinkBusy, LinkDown, NoAnswer
 
 REGULATOR_PORT, VALVES_PORT = "in-process-regulator", "in-process-valves"
+GAUGE_PORT = "in-process-gauge"
 HOST = "in-process"
 VALVES_TCP_PORT, MARKERS_TCP_PORT = 502, 8000
 # How long a waiting reader looks away: what a device sends of its own accord comes no later than this.
@@ -57,7 +60,12 @@ class InProcessDoubles:
     def rig_toml(self) -> str:
         """A complete rig.toml that points at these doubles."""
         valves = VALVES_PORT if self.settings.valve_transport == "rtu" else f"{HOST}:{VALVES_TCP_PORT}"
-        return rig_toml(self.settings, REGULATOR_PORT, valves, HOST, 0)
+        return rig_toml(self.settings, REGULATOR_PORT, valves, HOST, 0, GAUGE_PORT)
+
+    @property
+    def gauge_writes(self) -> int:
+        """How often the second gauge, which is for reading only, was written to."""
+        return self._rig.second_gauge.writes
 
     def inject(self, faults: Faults) -> None:
         """Replace the faults of every instrument from now on; `Faults()` ends all that has not died."""
@@ -85,6 +93,9 @@ class InProcessWires:
         self._in_use: set[str] = set()
         # A serial device keeps its line, whoever opens the port.
         self._lines = {REGULATOR_PORT: rig.regulator_line(), VALVES_PORT: rig.valves_line()}
+        gauge_line = rig.gauge_line()
+        if gauge_line is not None:
+            self._lines[GAUGE_PORT] = gauge_line
 
     def open_serial(self, port: str, baudrate: int, name: str) -> "SerialWire":
         """The device on this port.
@@ -94,7 +105,8 @@ class InProcessWires:
             LinkBusy: the port is open.
         """
         place = f"{name} on {port}"
-        faults = self._rig.line_faults["regulator" if port == REGULATOR_PORT else "valves"]
+        instruments: dict[str, Instrument] = {REGULATOR_PORT: "regulator", GAUGE_PORT: "gauge"}
+        faults = self._rig.line_faults[instruments.get(port, "valves")]
         if port not in self._lines or faults.dead:
             raise LinkDown(f"{place}: there is no such port")
         if port in self._in_use:

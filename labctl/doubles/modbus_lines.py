@@ -51,6 +51,8 @@ class RtuLine:
     broadcast (unit 0) is acted on and, as a rule, not answered. Source: Modbus over Serial Line V1.02, 2.5.1.
     """
 
+    is_text = False
+
     def __init__(self, device: ModbusDevice) -> None:
         self._device = device
         self._buffer = bytearray()
@@ -95,6 +97,7 @@ class TcpLine:
     """The same device on Modbus TCP; another unit's request is answered by silence."""
 
     waiting = False
+    is_text = False
 
     def __init__(self, device: ModbusDevice) -> None:
         self._device = device

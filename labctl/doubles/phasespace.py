@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.clock import Clock
-from labctl.doubles.faults import Delivery, LineFaults
+from labctl.doubles.line_faults import Delivery, LineFaults
 from labctl.doubles.markers import Cameras, MarkerBatch, MarkerSettings
 from labctl.doubles.phasespace_faults import FrameFaults
 from labctl.doubles.phasespace_hub import NAMES, Hub
@@ -18,7 +18,6 @@ from labctl.doubles.plant import Plant
 BACKLOG_BYTES = 1 << 20
 #: Datagrams that may wait; the oldest go first, as on a network.
 BACKLOG_DATAGRAMS = 1000
-_SPLIT_S = 0.01
 
 
 class Outlet:
@@ -31,16 +30,9 @@ class Outlet:
 
     def add(self, data: bytes) -> None:
         """Queue bytes under the faults of the line."""
-        delivery = self._faults.deliver(data, count=0)
-        pieces = [delivery]
-        if self._faults.panel.active("split"):
-            half = len(delivery.data) // 2
-            pieces = [
-                Delivery(delivery.due_s, delivery.data[:half]),
-                Delivery(delivery.due_s + _SPLIT_S, delivery.data[half:]),
-            ]
+        pieces = self._faults.send(data, count=0)
         self._late.extend(pieces)
-        self.waiting_bytes += len(delivery.data)
+        self.waiting_bytes += sum(len(piece.data) for piece in pieces)
 
     def take_due(self, now_s: float) -> list[bytes]:
         """What is due by now."""

@@ -10,9 +10,17 @@ VALVES_BAUDRATE = 9600
 
 
 def rig_toml(
-    settings: DoublesSettings, regulator_port: str, valves_address: str, markers_host: str, server_number: int
+    settings: DoublesSettings,
+    regulator_port: str,
+    valves_address: str,
+    markers_host: str,
+    server_number: int,
+    gauge_port: str | None = None,
 ) -> str:
-    """A complete rig.toml; `valves_address` is a terminal's path ("rtu") or "host:port" ("tcp")."""
+    """A complete rig.toml; `valves_address` is a terminal's path ("rtu") or "host:port" ("tcp").
+
+    `gauge_port` is the second gauge's, None where there is none.
+    """
     return "\n".join(
         [
             'name = "simulated rig"',
@@ -25,6 +33,7 @@ def rig_toml(
             "",
             *_markers(settings, markers_host, server_number),
             "",
+            *_gauge(settings, gauge_port),
             "[limits]",
             'max_pressure = "4.0 psi"',
             "",
@@ -54,6 +63,23 @@ def _unit_proof(settings: DoublesSettings) -> list[str]:
     if settings.regulator == "alicat-ascii" or in_another:
         return []
     return ['pressure_unit_proven = "the double is made in psi"']
+
+
+def _gauge(settings: DoublesSettings, port: str | None) -> list[str]:
+    if port is None or settings.second_gauge is None:
+        return []
+    return [
+        "[gauge]",
+        'name = "gauge B"',
+        f'driver = "{settings.second_gauge}"',
+        f'port = "{port}"',
+        f"baudrate = {REGULATOR_BAUDRATE}",
+        'unit_id = "A"',
+        "device_id = 1",
+        'pressure_unit = "psi"',
+        'timeout = "0.5 s"',
+        "",
+    ]
 
 
 def _valves(settings: DoublesSettings, address: str) -> list[str]:

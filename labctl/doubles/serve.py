@@ -7,7 +7,8 @@ from typing import Self
 
 from labctl.clock import Clock, WallClock, rig_clock
 from labctl.doubles.device_end import Line
-from labctl.doubles.faults import Faults, LineFaults
+from labctl.doubles.faults import Faults
+from labctl.doubles.line_faults import LineFaults
 from labctl.doubles.phasespace_server import PhaseSpaceServer
 from labctl.doubles.plant import Plant
 from labctl.doubles.rig_file import rig_toml
@@ -44,6 +45,11 @@ class Doubles:
             faults = self._rig.line_faults
             self._regulator = self._serve_serial("regulator", self._rig.regulator_line(), faults["regulator"])
             opened.callback(self._regulator.close)
+            self._gauge = None
+            gauge_line = self._rig.gauge_line()
+            if gauge_line is not None:
+                self._gauge = serve_pty("gauge", gauge_line, faults["gauge"], self.clock)
+                opened.callback(self._gauge.close)
             if settings.valve_transport == "rtu":
                 self._valves = self._serve_serial("valves", self._rig.valves_line(), faults["valves"])
             else:
@@ -74,6 +80,7 @@ class Doubles:
             self._valves.address,
             self._markers.host,
             self._markers.server_number,
+            None if self._gauge is None else self._gauge.address,
         )
 
     def inject(self, faults: Faults) -> None:

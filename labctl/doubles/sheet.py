@@ -19,13 +19,15 @@ class Ladder:
     points_mm: NDArray[np.float64]
 
     def at(self, strain: float) -> NDArray[np.float64]:
-        """Points (n, 3) at a strain, linear between the rungs; the end rungs' shape beyond them."""
+        """Points (n, 3) at a strain, linear between the rungs and beyond the last: it goes on rising."""
         rungs: list[NDArray[np.float64]] = list(self.points_mm)
         upper = int(np.searchsorted(self.strains, strain))
         if upper == 0:
             return rungs[0]
         if upper == len(rungs):
-            return rungs[-1]
+            upper -= 1
+            if upper == 0:
+                return rungs[0]
         low, high = float(self.strains[upper - 1]), float(self.strains[upper])
         share = (strain - low) / (high - low)
         between: NDArray[np.float64] = (1 - share) * rungs[upper - 1] + share * rungs[upper]

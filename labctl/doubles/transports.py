@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from labctl.clock import Clock
 from labctl.doubles.device_end import GAP_S, DeviceEnd, HangUpError, Line
-from labctl.doubles.faults import LineFaults
+from labctl.doubles.line_faults import LineFaults
 from labctl.logs.wire import log_received, log_sent
 
 _RESTING_POLL_S = 0.05

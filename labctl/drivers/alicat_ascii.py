@@ -2,35 +2,41 @@
 
 import re
 from collections.abc import Callable
-from typing import Literal, TypeVar
 
 from labctl.config.rig import PressureUnit
+from labctl.drivers.alicat_firmware import Firmware, find_firmware
+from labctl.drivers.alicat_layout import FrameLayout, parse_layout
 from labctl.drivers.alicat_lines import (
-    FrameLayout,
+    GP_PREFIX,
     find_fact,
-    find_version,
-    is_refusal,
-    is_version_line,
     parse_frame,
-    parse_layout,
     request_line,
     setpoint_command,
 )
+from labctl.drivers.alicat_probes import FULL_SCALE, IDENTITY, LAYOUT, VERSION, probe, stream
+from labctl.drivers.alicat_setpoint import (
+    NotTaken,
+    OwnRamp,
+    SetpointSource,
+    parse_own_ramp,
+    parse_setpoint_source,
+    why_not_taken,
+)
+from labctl.drivers.alicat_talk import AlicatTalk
 from labctl.drivers.pressure_unit import from_psi, to_psi
 from labctl.drivers.setpoint_limit import check_setpoint
 from labctl.errors import BadInput, GarbledReply, InstrumentRefused, NoAnswer, ReadBackMismatch
 from labctl.instruments.readings import Identity, PressureReading
 from labctl.links.deadline import Deadline
 from labctl.links.interfaces import LineLink
+from labctl.links.line_resync import Probe
 
-T = TypeVar("T")
-
-# Replies of several lines have no end mark; USB adapters hold bytes back for up to 16 ms.
-IDLE_S = 0.1
 # The two tables of an identification take 0.7 s at 19200 baud.
 IDENTIFY_S = 3.0
 # The device may confirm a command before its status shows it.
 READ_BACKS = 3
+# How often a setpoint that the device moves by itself is looked at.
+LOOK_S = 0.05
 
 
 class AlicatAscii:
@@ -75,31 +81,46 @@ class AlicatAscii:
         self._unit_id = unit_id
         self._unit = pressure_unit
         self._plausible_psi = plausible_psi
+        self._talk = AlicatTalk(link, unit_id, name)
         self._layout: FrameLayout | None = None
+        self._firmware: Firmware | None = None
+        self._setpoint_psi: float | None = None
+        link.expect_stream(stream(unit_id))
+        link.resync_by([probe(question, unit_id) for question in (VERSION, IDENTITY, LAYOUT)])
 
     def identify(self, timeout_s: float | None = None) -> Identity:
-        """Ask for manufacturing data (`??M*`), firmware (`VE`), setpoint source (`LSS`) and a reading.
+        """Ask for manufacturing data (`??M*`), firmware (`VE`), setpoint source (`LSS`), own ramp (`SR`), a reading.
 
-        What the device does not answer is None in the identity.
+        What the device does not answer is None in the identity. `LSS` and `SR` are left out where the firmware is
+        too old to take them for questions, or not known. What is answered and cannot be mistaken for anything else
+        becomes what the link resynchronises by.
 
         Raises:
             NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `read`.
         """
         deadline = self._deadline(timeout_s)
-        self._bound(deadline)
-        facts = self._optional(lambda part: self._ask_lines("??M*", part), deadline) or []
-        version = self._optional(lambda part: self._ask_line("VE", part), deadline)
-        if version is not None and is_version_line(version.encode("ascii"), self._unit_id):
-            self._link.resync_by(
-                request_line(self._unit_id, "VE"), lambda line: is_version_line(line, self._unit_id)
-            )
+        layout = self._bound(deadline)
+        answered = [LAYOUT]
+        facts = self._talk.optional(lambda part: self._talk.ask_lines(IDENTITY, part), deadline) or []
+        if facts:
+            answered.insert(0, IDENTITY)
+        version = self._recognised(VERSION, deadline)
+        if version is not None:
+            answered.insert(0, VERSION)
+        elif not layout.is_gp and self._recognised(FULL_SCALE, deadline) is not None:
+            answered.insert(0, FULL_SCALE)
+        self._link.resync_by([self._probe(question) for question in answered])
+        software = find_fact(facts, "Software Revision", "Software") or version or ""
+        self._firmware = find_firmware(version or "") or find_firmware(software)
         source = self._setpoint_source(deadline)
+        ramp = self._own_ramp(deadline)
         self._poll(deadline)
         return Identity(
-            model=find_fact(facts, "Model Number") or "Alicat pressure controller",
-            serial_number=find_fact(facts, "Serial Number"),
-            firmware=find_version(version or "") or find_fact(facts, "Software Revision"),
+            model=find_fact(facts, "Model Number", "Mdl") or "Alicat pressure controller",
+            serial_number=find_fact(facts, "Serial Number", "Serial No."),
+            firmware=self._firmware.text if self._firmware else None,
             setpoint_source=source,
+            notes=self._notes(ramp),
         )
 
     def read(self, timeout_s: float | None = None) -> PressureReading:
@@ -128,23 +149,38 @@ class AlicatAscii:
         column = self._bound(deadline).setpoint
         value = self._to_device(setpoint_psi, column.resolution)
         tolerance_psi = to_psi(0.5 * column.resolution, self._unit) + 1e-6
-        reading = self._command(
-            setpoint_command(value, column.decimals),
-            lambda it: abs(it.setpoint_psi - to_psi(value, self._unit)) <= tolerance_psi,
-            deadline,
-        )
-        if abs(reading.setpoint_psi - to_psi(value, self._unit)) > tolerance_psi:
-            raise ReadBackMismatch(
-                f"{self.name}: setpoint {setpoint_psi:g} psi was written, {reading.setpoint_psi:g} psi was "
-                "read back; the device ignores writes unless its setpoint source is serial: set that at the "
-                "device"
+
+        def agrees(reading: PressureReading) -> bool:
+            return abs(reading.setpoint_psi - to_psi(value, self._unit)) <= tolerance_psi
+
+        before_psi = self._setpoint_psi
+        reading = self._command(setpoint_command(value, column.decimals), agrees, deadline)
+        moving = False
+        # A setpoint of 0 vents: nothing waits for the device's own ramp then.
+        if not agrees(reading) and value > 0:
+            reading, moving = self._follow(reading, to_psi(value, self._unit), agrees, deadline)
+        if agrees(reading):
+            return reading
+        raise ReadBackMismatch(
+            why_not_taken(
+                self.name,
+                NotTaken(
+                    setpoint_psi,
+                    reading,
+                    moving,
+                    before_psi,
+                    self._setpoint_source(deadline),
+                    self._own_ramp(deadline),
+                    to_psi(column.resolution, self._unit),
+                ),
             )
-        return reading
+        )
 
     def exhaust(self, timeout_s: float | None = None) -> PressureReading:
         """Open the exhaust valve (`E`; two valves only) and read EXH back.
 
-        No manual at hand shows `E`, so it counts only where the device itself reports EXH.
+        It counts only where the device itself reports EXH. `E` and the `C` that ends it are sent by a public program
+        of a test stand with PCDs (Wasco-Engineering/Stinger), which shows the reply `A +013.53 +014.70 EXH`.
 
         Raises:
             InstrumentRefused: the device has one valve only (no byte was sent), or refused the command.
@@ -182,32 +218,76 @@ class AlicatAscii:
             )
         return reading
 
-    def setpoint_source(self, timeout_s: float | None = None) -> Literal["serial", "analog"] | None:
-        """Where the device takes its setpoint from (`LSS`); None where the firmware does not report it.
+    def hold_closed(self, timeout_s: float | None = None) -> PressureReading:
+        """Shut the valves (`HC`) and read HLD back. This is no vent: what is in the sheet stays there.
 
         Raises:
-            NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `read`.
+            ReadBackMismatch: the device does not report HLD.
+            NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `read`; the valves may have shut.
+        """
+        reading = self._command("HC", lambda it: it.holding, self._deadline(timeout_s))
+        if not reading.holding:
+            raise ReadBackMismatch(
+                f"{self.name}: its valves were commanded shut and HLD was not read back (status "
+                f"{sorted(reading.status)}); check model and firmware"
+            )
+        return reading
+
+    def tare(self, timeout_s: float | None = None) -> PressureReading:
+        """Tare the gauge pressure (`P`; `TP` where that is not known); returns a reading from after it.
+
+        The manual of the PC series has `P`, the serial primer and the client alicatlib `TP`.
+
+        Raises:
+            InstrumentRefused: the device knows neither.
+            NoAnswer, GarbledReply, LinkDown: as `read`; the tare may have been done.
         """
         deadline = self._deadline(timeout_s)
-        source = self._setpoint_source(deadline)
-        if source is None:
-            # Silence is also what a dead link gives; a frame distinguishes the two.
-            self._poll(deadline)
-        return source
+        self._bound(deadline)
+        if self._talk.optional(lambda part: self._frame(self._spelled("P"), part), deadline) is None:
+            self._frame(self._spelled("TP"), deadline)
+        return self._poll(deadline)
 
     def close(self) -> None:
         """Give the link back; may be called twice. The device keeps its setpoint."""
         self._link.close()
 
-    def _setpoint_source(self, deadline: Deadline) -> Literal["serial", "analog"] | None:
-        line = self._optional(lambda part: self._ask_line("LSS", part), deadline)
-        if line is None:
+    def _setpoint_source(self, deadline: Deadline) -> SetpointSource | None:
+        if self._firmware is None or not self._firmware.tells_setpoint_source:
             return None
-        sources: dict[str, Literal["serial", "analog"]] = {"A": "analog", "S": "serial", "U": "serial"}
-        word = line.removeprefix(self._unit_id).strip()
-        if word not in sources:
-            raise self._garbled(f"{line!r} does not name a setpoint source (A, S or U)")
-        return sources[word]
+        return self._talk.told("LSS", lambda line: parse_setpoint_source(line, self._unit_id), deadline)
+
+    def _own_ramp(self, deadline: Deadline) -> OwnRamp | None:
+        if self._firmware is None or not self._firmware.tells_own_ramp:
+            return None
+        return self._talk.told("SR", parse_own_ramp, deadline)
+
+    def _notes(self, ramp: OwnRamp | None) -> tuple[str, ...]:
+        notes = []
+        if ramp is not None and ramp.rate:
+            notes.append(
+                f"ramps its own setpoint by {ramp} (SR): turn that off, labctl relies on setpoints taken at once"
+            )
+        if self._link.ended_stream:
+            notes.append("was streaming and has been set to polling")
+        return (*notes, *self._link.noticed)
+
+    def _follow(
+        self,
+        reading: PressureReading,
+        target_psi: float,
+        agrees: Callable[[PressureReading], bool],
+        deadline: Deadline,
+    ) -> tuple[PressureReading, bool]:
+        """While the setpoint read back moves towards its target, wait for it; the last reading, and if it moved."""
+        moving, stood = False, 0
+        while stood < 2 and not agrees(reading) and deadline.remaining_s() > 4 * LOOK_S:
+            self._link.clock.sleep(LOOK_S)
+            latest = self._poll(deadline)
+            nearer = abs(latest.setpoint_psi - target_psi) < abs(reading.setpoint_psi - target_psi)
+            moving, stood = moving or nearer, 0 if nearer else stood + 1
+            reading = latest
+        return reading, moving
 
     def _to_device(self, setpoint_psi: float, resolution: float) -> float:
         """The setpoint in the device's unit, on its last decimal, never above the maximum by rounding."""
@@ -219,13 +299,19 @@ class AlicatAscii:
     def _urge(self, command: str, deadline: Deadline) -> None:
         """While replies do not come through, send a command that vents before waiting for any."""
         if self._link.suspect:
-            self._link.send_unheard(request_line(self._unit_id, command), deadline)
+            self._link.send_unheard(request_line(self._unit_id, self._spelled(command)), deadline)
+
+    def _spelled(self, command: str) -> str:
+        """The command as this device's firmware reads it."""
+        is_gp = self._layout is not None and self._layout.is_gp
+        is_gp = is_gp or (self._firmware is not None and self._firmware.is_gp)
+        return GP_PREFIX + command if is_gp else command
 
     def _command(
         self, command: str, agrees: Callable[[PressureReading], bool], deadline: Deadline
     ) -> PressureReading:
         """Send a command; the first reading that agrees with it, or the last of `READ_BACKS`."""
-        reading = self._frame(command, deadline)
+        reading = self._frame(self._spelled(command), deadline)
         for _ in range(READ_BACKS - 1):
             if agrees(reading):
                 break
@@ -237,7 +323,7 @@ class AlicatAscii:
 
     def _frame(self, command: str, deadline: Deadline) -> PressureReading:
         layout = self._bound(deadline)
-        line = self._ask_line(command, deadline)
+        line = self._talk.ask_line(command, deadline)
         try:
             reading = parse_frame(self.name, line, layout, self._unit)
         except GarbledReply:
@@ -246,9 +332,10 @@ class AlicatAscii:
         lowest, highest = self._plausible_psi
         for value_psi in (reading.gauge_psi, reading.setpoint_psi):
             if not lowest <= value_psi <= highest:
-                raise self._garbled(
+                raise self._talk.garbled(
                     f"{value_psi:g} psi in {line!r} is not between {lowest:g} and {highest:g} psi"
                 )
+        self._setpoint_psi = reading.setpoint_psi
         return reading
 
     def _bound(self, deadline: Deadline) -> FrameLayout:
@@ -263,43 +350,20 @@ class AlicatAscii:
 
     def _ask_layout(self, deadline: Deadline) -> list[str]:
         try:
-            return self._ask_lines("??D*", deadline)
-        except InstrumentRefused:
-            # Half a line that another program left in the device is refused together with the first request.
-            return self._ask_lines("??D*", deadline)
-
-    def _ask_line(self, command: str, deadline: Deadline) -> str:
-        reply = self._link.exchange_line(request_line(self._unit_id, command), deadline)
-        return self._checked(command, reply)
-
-    def _ask_lines(self, command: str, deadline: Deadline) -> list[str]:
-        replies = self._link.exchange_lines(request_line(self._unit_id, command), deadline, IDLE_S)
-        return [self._checked(command, reply) for reply in replies]
-
-    def _checked(self, command: str, reply: bytes) -> str:
-        """The reply as text, if it is this device's and not an error."""
-        try:
-            line = reply.decode("ascii")
-        except UnicodeDecodeError as error:
-            raise self._garbled(f"{reply!r} is not text; check the baud rate") from error
-        if is_refusal(line, self._unit_id):
-            raise InstrumentRefused(
-                f"{self.name}: the device does not know {self._unit_id + command!r}; check model and firmware"
-            )
-        if line.split(" ", 1)[0] != self._unit_id:
-            raise self._garbled(f"{line!r} is not an answer of unit {self._unit_id}; check regulator.unit_id")
-        return line
-
-    def _garbled(self, what: str) -> GarbledReply:
-        self._link.mark_suspect()
-        return GarbledReply(f"{self.name}: {what}")
-
-    def _optional(self, ask: Callable[[Deadline], T], deadline: Deadline) -> T | None:
-        """What older firmware refuses or leaves unanswered; it may take half of the time that is left."""
-        try:
-            return ask(deadline.share(0.5))
+            return self._talk.ask_lines(LAYOUT, deadline.share(0.6))
         except (InstrumentRefused, NoAnswer):
-            return None
+            # Half a line that another program left in the device spoils the first request.
+            return self._talk.ask_lines(LAYOUT, deadline)
+
+    def _recognised(self, question: str, deadline: Deadline) -> str | None:
+        """The reply to a question that may resynchronise; None where it is not answered as such."""
+        accepts = self._probe(question).accepts
+        return self._talk.told(
+            question, lambda line: line if accepts(line.encode("ascii")) else None, deadline
+        )
+
+    def _probe(self, question: str) -> Probe:
+        return probe(question, self._unit_id, self._layout.pressure.label if self._layout else "")
 
     def _deadline(self, timeout_s: float | None) -> Deadline:
         if timeout_s is None:

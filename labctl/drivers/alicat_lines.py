@@ -1,51 +1,25 @@
 """The lines of the Alicat ASCII protocol, written and read (serial primer; docs/reference/hardware.md).
 
-A device describes its own data frame: the table of `??D*` has a row for each column, numbered by statistic, and
-starred rows for the status words that may follow. Columns are bound to that table and never guessed.
+The layout of a data frame is the device's own table's (`alicat_layout`).
 """
 
 import re
-from dataclasses import dataclass
 
 from labctl.config.rig import PressureUnit
+from labctl.drivers.alicat_firmware import find_firmware
+from labctl.drivers.alicat_layout import CURSOR_BACK, Column, FrameLayout
 from labctl.drivers.pressure_unit import to_psi
-from labctl.errors import GarbledReply, InstrumentRefused
+from labctl.errors import GarbledReply
 from labctl.instruments.readings import PressureReading
 
-GAUGE_PRESSURE, GAUGE_SETPOINT = "006", "038"
-ABSOLUTE_PRESSURE, ABSOLUTE_SETPOINT = "002", "034"
-UNIT_ID = "700"
+#: What a command begins with where GP firmware is to read it.
+GP_PREFIX = "$$"
+END_OF_STREAM = "@@="
 
-_ROW = re.compile(r"(?P<unit>[A-Z]) D(?P<row>\d\d) (?P<statistic>\d{3}) (?P<starred>\*?)(?P<rest>.+)")
-_DECIMAL = re.compile(r".*\b(?:s )?decimal\s+(?P<width>\d+)/(?P<decimals>\d+)\s+\d+\s+\d+\s+(?P<label>\S+)")
-_COMMAND = re.compile(r"[A-Z](?:[A-Z?][ -~]*)?")
-_BARE_SETPOINT = re.compile(r"[A-Z]L?S\s*[+-]?\d+")
-_STATUS_WORD = re.compile(r"[A-Z]{3}")
-_VERSION = re.compile(r"\d+v\d+\S*")
-
-
-@dataclass(frozen=True)
-class Column:
-    """A number in the data frame: its place, its width in characters, its decimals and its unit's label."""
-
-    index: int
-    width: int
-    decimals: int
-    label: str
-
-    @property
-    def resolution(self) -> float:
-        """One unit of the last decimal."""
-        return 10.0**-self.decimals
-
-
-@dataclass(frozen=True)
-class FrameLayout:
-    """The data frame of one device; `columns` counts the unit id."""
-
-    columns: int
-    pressure: Column
-    setpoint: Column
+_COMMAND = re.compile(r"[A-Z](?:[A-Z?][ -~]*|\$\$[A-Z][ -~]*)?")
+_BARE_SETPOINT = re.compile(r"[A-Z](?:\$\$)?L?S\s*[+-]?\d+")
+_STATUS_WORD = re.compile(r"(?=.*[A-Z])[A-Z0-9]{3}")
+_STREAMED = re.compile(rb"(?:@| ) *[+-]?\d")
 
 
 def request_line(unit_id: str, command: str) -> bytes:
@@ -65,6 +39,11 @@ def request_line(unit_id: str, command: str) -> bytes:
     return line.encode("ascii") + b"\r"
 
 
+def end_of_stream_line(unit_id: str) -> bytes:
+    """The bytes that give a streaming device, whose unit id is @, its unit id back."""
+    return (END_OF_STREAM + unit_id).encode("ascii") + b"\r"
+
+
 def setpoint_command(value: float, decimals: int) -> str:
     """`S` and a setpoint in the device's unit, always with a decimal point.
 
@@ -81,42 +60,34 @@ def is_refusal(line: str, unit_id: str) -> bool:
     return line.strip() in ("?", f"{unit_id} ?")
 
 
+def is_of_unit(line: str, unit_id: str) -> bool:
+    """The line is this unit's; some devices set no blank between their id and the first number."""
+    return line[:1] == unit_id and re.fullmatch(r"(?:[ +\-.\d].*)?", line[1:]) is not None
+
+
 def is_version_line(line: bytes, unit_id: str) -> bool:
     """The reply to `VE`, which no other reply looks like."""
     text = line.decode("ascii", "replace")
-    return text.startswith(f"{unit_id} ") and _VERSION.match(text[1:].lstrip()) is not None
+    if not text.startswith(f"{unit_id} "):
+        return False
+    firmware = find_firmware(text)
+    return firmware is not None and text[1:].lstrip().startswith(firmware.text)
 
 
-def parse_layout(name: str, lines: list[str], unit_id: str, unit: PressureUnit) -> FrameLayout:
-    """The data frame's layout from the lines of `??D*`.
+def is_manufacturing_line(line: bytes, unit_id: str) -> bool:
+    """A line of `??M*`, which no other reply looks like."""
+    return re.match(rb"%b +M\d\d? " % unit_id.encode("ascii"), line + b" ") is not None
 
-    Raises:
-        GarbledReply: a row is missing or cannot be read.
-        InstrumentRefused: the device measures absolute pressure only, or in another unit.
-    """
-    places: dict[str, tuple[int, str]] = {}
-    columns = 0
-    for number, line in enumerate(_table_rows(lines), start=1):
-        row = _ROW.fullmatch(line)
-        if row is None or row["unit"] != unit_id or int(row["row"]) != number:
-            raise GarbledReply(f"{name}: row {number} of the data frame table reads {line!r}; ask again")
-        if not row["starred"]:
-            places[row["statistic"]] = (columns, row["rest"])
-            columns += 1
-    if places.get(UNIT_ID, (-1,))[0] != 0:
-        raise GarbledReply(f"{name}: the data frame table does not start with the unit id; ask again")
-    if not {GAUGE_PRESSURE, GAUGE_SETPOINT} <= places.keys():
-        absolute = {ABSOLUTE_PRESSURE, ABSOLUTE_SETPOINT} & places.keys()
-        what = "absolute pressure" if absolute else "no pressure"
-        raise InstrumentRefused(
-            f"{name}: the data frame carries {what}, not gauge pressure and its setpoint (statistics 006 and "
-            "038); use a gauge controller, or set its data frame"
-        )
-    pressure = _column(name, *places[GAUGE_PRESSURE])
-    setpoint = _column(name, *places[GAUGE_SETPOINT])
-    for column in (pressure, setpoint):
-        _check_unit(name, column.label, unit)
-    return FrameLayout(columns, pressure, setpoint)
+
+def is_full_scale_line(line: bytes, unit_id: str, label: str) -> bool:
+    """The reply to `FPF 6`: the gauge pressure's full scale, the number of its unit, and the unit's `label`."""
+    words = line.decode("ascii", "replace").split()
+    return len(words) == 4 and words[0] == unit_id and words[2].isdecimal() and words[3] == label
+
+
+def is_streamed_line(line: bytes) -> bool:
+    """A data frame of a streaming device: its unit id is @, or left out."""
+    return _STREAMED.match(line) is not None
 
 
 def parse_frame(name: str, line: str, layout: FrameLayout, unit: PressureUnit) -> PressureReading:
@@ -125,7 +96,7 @@ def parse_frame(name: str, line: str, layout: FrameLayout, unit: PressureUnit) -
     Raises:
         GarbledReply: another number of columns, another format, or words that are no status.
     """
-    words = line.split()
+    words = [line[:1], *line[1:].split()]
     values, status = words[: layout.columns], words[layout.columns :]
     if len(values) < layout.columns or not all(_STATUS_WORD.fullmatch(word) for word in status):
         raise GarbledReply(f"{name}: {line!r} is not a data frame of {layout.columns} columns; ask again")
@@ -136,51 +107,30 @@ def parse_frame(name: str, line: str, layout: FrameLayout, unit: PressureUnit) -
     )
 
 
-def find_fact(lines: list[str], label: str) -> str | None:
-    """What follows `label` in the lines of `??M*`; None when no line has it."""
-    for line in lines:
-        _, found, value = line.partition(label)
-        if found and value.strip():
-            return value.strip()
+def find_fact(lines: list[str], *labels: str) -> str | None:
+    """What follows the first of `labels` that is there, in the lines of `??M*`; None when no line has one."""
+    for label in labels:
+        for line in lines:
+            _, found, value = line.replace(CURSOR_BACK, "").partition(label)
+            if found and value.strip():
+                return value.strip()
     return None
-
-
-def find_version(text: str) -> str | None:
-    """The firmware version in a line, such as `10v20.0-R24`."""
-    found = _VERSION.search(text)
-    return found[0] if found else None
-
-
-def _table_rows(lines: list[str]) -> list[str]:
-    """The rows without the heading, whose statistic is the word ID_."""
-    return [line for line in lines if not re.match(r"[A-Z] D00 ID_", line)]
-
-
-def _column(name: str, index: int, rest: str) -> Column:
-    found = _DECIMAL.fullmatch(rest.rstrip())
-    if found is None:
-        raise GarbledReply(f"{name}: the data frame table describes a number as {rest!r}; ask again")
-    return Column(index, int(found["width"]), int(found["decimals"]), found["label"])
-
-
-def _check_unit(name: str, label: str, unit: PressureUnit) -> None:
-    # PSIG, PSI and psig are one unit: the trailing G means gauge.
-    plain = label.casefold()
-    if plain not in (unit.casefold(), unit.casefold() + "g"):
-        raise InstrumentRefused(
-            f"{name}: the device is set to {label}, the configuration says {unit}; change the device's unit "
-            "or regulator.pressure_unit, so that both agree"
-        )
 
 
 def _number(name: str, line: str, values: list[str], column: Column) -> float:
     word = values[column.index]
+    digits = rf"\d+\.\d{{{column.decimals}}}" if column.decimals else r"\d+\.?"
+    width = column.width
+    if column.sign == "always":
+        digits = f"[+-]{digits}"
+    elif column.sign == "either":
+        width -= word[:1] not in ("+", "-")
+        digits = f"[+-]?{digits}"
     # A lost or doubled character would still be a number: the width is what shows it.
-    if len(word) != column.width or not re.fullmatch(
-        rf"[+-]\d+\.\d{{{column.decimals}}}" if column.decimals else r"[+-]\d+\.?", word
-    ):
+    if len(word) != width or not re.fullmatch(digits, word):
+        signed = {"always": "a signed number", "never": "a number without sign", "either": "a number"}
         raise GarbledReply(
-            f"{name}: {word!r} in {line!r} is not a signed number of {column.width} characters with "
-            f"{column.decimals} decimals; ask again"
+            f"{name}: {word!r} in {line!r} is not {signed[column.sign]} of {width} characters with "
+            f"{column.decimals} decimals, as the device's own table says; ask again"
         )
     return float(word)

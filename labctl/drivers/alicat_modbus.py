@@ -31,8 +31,11 @@ SETPOINT = 1009
 STATUS = 1200
 READING_REGISTERS = 6
 
+TARE_COMMAND = 4
+TARE_PRESSURE = 0
 VALVE_COMMAND = 6
 CANCEL_HOLD = 0
+HOLD_CLOSED = 1
 EXHAUST = 3
 
 STATUS_BITS = {6: "POV", 8: "HLD", 9: "ADC", 10: "EXH", 11: "OPL"}
@@ -110,13 +113,17 @@ class AlicatModbus:
             Unproven: the readings leave more than one order possible.
             NoAnswer, GarbledReply, InstrumentRefused, LinkDown: as `read`.
         """
-        self._prove_order(self._deadline(timeout_s))
+        deadline = self._deadline(timeout_s)
+        self._prove_order(deadline)
+        # What was proven before says nothing of now.
+        self._read(deadline)
         return Identity(
             model="Alicat pressure controller",
             notes=(
                 f"over Modbus the device reports neither model nor unit; {self._unit} as configured, "
                 f"{'not proven' if self._unit_proof is None else f'proven: {self._unit_proof}'}",
                 f"words {self._order}, as readings have shown",
+                *self._link.noticed,
             ),
         )
 
@@ -196,6 +203,35 @@ class AlicatModbus:
                 "cancel it at the device"
             )
         return reading
+
+    def hold_closed(self, timeout_s: float | None = None) -> PressureReading:
+        """Shut the valves (command 6, argument 1) and read HLD back. This is no vent: what is in the sheet stays.
+
+        Raises:
+            InstrumentRefused: the device refused the command.
+            ReadBackMismatch: the device does not report HLD.
+            NoAnswer, GarbledReply, LinkDown: as `read`; the valves may have shut.
+        """
+        deadline = self._deadline(timeout_s)
+        self._command(VALVE_COMMAND, HOLD_CLOSED, deadline)
+        reading = self._read_back(lambda it: it.holding, deadline)
+        if not reading.holding:
+            raise ReadBackMismatch(
+                f"{self.name}: its valves were commanded shut and HLD was not read back (status "
+                f"{sorted(reading.status)}); check the model"
+            )
+        return reading
+
+    def tare(self, timeout_s: float | None = None) -> PressureReading:
+        """Tare the gauge pressure (command 4, argument 0); returns a reading from after it.
+
+        Raises:
+            InstrumentRefused: the device refused the command.
+            NoAnswer, GarbledReply, LinkDown: as `read`; the tare may have been done.
+        """
+        deadline = self._deadline(timeout_s)
+        self._command(TARE_COMMAND, TARE_PRESSURE, deadline)
+        return self._read(deadline)
 
     def close(self) -> None:
         """Give the link back; may be called twice."""

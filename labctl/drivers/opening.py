@@ -1,12 +1,16 @@
 """From configuration to drivers: the one place that knows which class a `driver = ...` line means."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
 from labctl.clock import Clock, Scheduler
-from labctl.config.rig import Limits, MarkersConfig, RegulatorConfig, ValvesConfig
+from labctl.config.rig import GaugeConfig, Limits, MarkersConfig, RegulatorConfig, ValvesConfig
 from labctl.drivers.alicat_ascii import AlicatAscii
 from labctl.drivers.alicat_modbus import AlicatModbus
 from labctl.drivers.phasespace import PhaseSpace
 from labctl.drivers.waveshare_relay import WaveshareRelay
-from labctl.instruments.interfaces import MarkerSource, PressureRegulator, ValveBank
+from labctl.instruments.interfaces import MarkerSource, PressureGauge, PressureRegulator, ValveBank
 from labctl.links.modbus_link import open_modbus_serial, open_modbus_tcp
 from labctl.links.serial_link import open_serial_link
 from labctl.links.wires import SYSTEM_WIRES, Wires
@@ -24,26 +28,52 @@ def open_regulator(
     """
     dual_valve = config.model == "PCD"
     if config.driver == "alicat-ascii":
-        return AlicatAscii(
-            open_serial_link(config.port, config.baudrate, clock, config.name, wires=wires),
-            unit_id=config.unit_id,
+        link = open_serial_link(config.port, config.baudrate, clock, config.name, wires=wires)
+        with _closed_on_error(link):
+            return AlicatAscii(
+                link,
+                unit_id=config.unit_id,
+                pressure_unit=config.pressure_unit,
+                max_setpoint_psi=limits.max_pressure_psi,
+                dual_valve=dual_valve,
+                name=config.name,
+                timeout_s=config.timeout_s,
+            )
+    registers = open_modbus_serial(config.port, config.baudrate, clock, config.name, wires=wires)
+    with _closed_on_error(registers):
+        return AlicatModbus(
+            registers,
+            device_id=config.device_id,
             pressure_unit=config.pressure_unit,
+            unit_proof=config.pressure_unit_proven or None,
+            word_order=config.word_order,
             max_setpoint_psi=limits.max_pressure_psi,
             dual_valve=dual_valve,
             name=config.name,
             timeout_s=config.timeout_s,
         )
-    return AlicatModbus(
-        open_modbus_serial(config.port, config.baudrate, clock, config.name, wires=wires),
+
+
+def open_gauge(
+    config: GaugeConfig, limits: Limits, clock: Scheduler, wires: Wires = SYSTEM_WIRES
+) -> PressureGauge:
+    """Open the second gauge's port; nothing is sent.
+
+    Raises:
+        LinkDown: the port is absent or in use.
+    """
+    as_regulator = RegulatorConfig(
+        name=config.name,
+        driver=config.driver,
+        model="PC",
+        port=config.port,
+        baudrate=config.baudrate,
+        unit_id=config.unit_id,
         device_id=config.device_id,
         pressure_unit=config.pressure_unit,
-        unit_proof=config.pressure_unit_proven or None,
-        word_order=config.word_order,
-        max_setpoint_psi=limits.max_pressure_psi,
-        dual_valve=dual_valve,
-        name=config.name,
         timeout_s=config.timeout_s,
     )
+    return open_regulator(as_regulator, limits, clock, wires)
 
 
 def open_valves(config: ValvesConfig, clock: Scheduler, wires: Wires = SYSTEM_WIRES) -> ValveBank:
@@ -56,13 +86,14 @@ def open_valves(config: ValvesConfig, clock: Scheduler, wires: Wires = SYSTEM_WI
         link = open_modbus_serial(config.port, config.baudrate, clock, config.name, wires=wires)
     else:
         link = open_modbus_tcp(config.host, config.tcp_port, clock, config.name, wires=wires)
-    return WaveshareRelay(
-        link,
-        device_id=config.device_id,
-        channels=config.channels,
-        name=config.name,
-        timeout_s=config.timeout_s,
-    )
+    with _closed_on_error(link):
+        return WaveshareRelay(
+            link,
+            device_id=config.device_id,
+            channels=config.channels,
+            name=config.name,
+            timeout_s=config.timeout_s,
+        )
 
 
 def open_markers(
@@ -78,11 +109,26 @@ def open_markers(
     stream = wires.open_tcp(
         config.host, _PHASESPACE_BASE_PORT + config.server_number, clock, config.name, config.timeout_s
     )
-    return PhaseSpace(
-        stream,
-        clock=arrival_clock,
-        frequency_hz=config.frequency_hz,
-        length_unit_mm=config.length_unit_mm,
-        name=config.name,
-        timeout_s=config.timeout_s,
-    )
+    with _closed_on_error(stream):
+        return PhaseSpace(
+            stream,
+            clock=arrival_clock,
+            frequency_hz=config.frequency_hz,
+            length_unit_mm=config.length_unit_mm,
+            name=config.name,
+            timeout_s=config.timeout_s,
+        )
+
+
+class _Closes(Protocol):
+    def close(self) -> None: ...
+
+
+@contextmanager
+def _closed_on_error(link: _Closes) -> Iterator[None]:
+    """Give a link back when the driver that was to have it is not made."""
+    try:
+        yield
+    except BaseException:
+        link.close()
+        raise

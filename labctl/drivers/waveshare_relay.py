@@ -200,7 +200,7 @@ class WaveshareRelay:
         return f"Waveshare Modbus relay, {self.channels} channels as configured"
 
     def _notes(self) -> tuple[str, ...]:
-        return self._coils.notes()
+        return (*self._coils.notes(), *self._link.noticed)
 
     def _write_s(self) -> float:
         if self._coils.way is None:

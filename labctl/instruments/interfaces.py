@@ -10,6 +10,24 @@ from typing import Protocol
 from labctl.instruments.readings import Identity, MarkerFrames, PressureReading
 
 
+class PressureGauge(Protocol):
+    """A gauge that is read and never written to, in psi."""
+
+    name: str
+
+    def identify(self, timeout_s: float | None = None) -> Identity:
+        """Ask the device who it is."""
+        ...
+
+    def read(self, timeout_s: float | None = None) -> PressureReading:
+        """Read the pressure; the setpoint of a reading means nothing here."""
+        ...
+
+    def close(self) -> None:
+        """Give the link back; may be called twice."""
+        ...
+
+
 class PressureRegulator(Protocol):
     """A regulator of gauge pressure in psi."""
 
@@ -32,8 +50,16 @@ class PressureRegulator(Protocol):
         """Open the exhaust valve and read EXH back."""
         ...
 
+    def hold_closed(self, timeout_s: float | None = None) -> PressureReading:
+        """Shut every valve of the regulator and read HLD back: no gas comes in, and none leaves."""
+        ...
+
     def cancel_hold(self, timeout_s: float | None = None) -> PressureReading:
         """Return from hold or exhaust to closed-loop control and read back that neither is left."""
+        ...
+
+    def tare(self, timeout_s: float | None = None) -> PressureReading:
+        """Call the present pressure 0; returns a reading from after it, which the caller must judge."""
         ...
 
     def close(self) -> None:

@@ -1,9 +1,11 @@
 """What instruments report: the values that drivers return and that everything above them works with."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
+
+from labctl.printable import printable
 
 #: For people, in place of what an instrument's protocol or firmware does not carry.
 NOT_REPORTED = "not reported"
@@ -24,7 +26,8 @@ def in_band(gauge_psi: float, pressure_psi: float, tolerance_psi: float) -> bool
 class Identity:
     """Who answered on a link; fields that the wire does not carry are None, never guessed.
 
-    `setpoint_source` is a regulator's: "serial" or "analog".
+    `setpoint_source` is a regulator's: "serial" or "analog". The text is the device's own: whatever in it is not
+    printable is written as an escape.
     """
 
     model: str
@@ -32,6 +35,13 @@ class Identity:
     firmware: str | None = None
     setpoint_source: str | None = None
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, str):
+                object.__setattr__(self, one.name, printable(value))
+        object.__setattr__(self, "notes", tuple(printable(note) for note in self.notes))
 
     def describe(self) -> str:
         """Model, serial number and firmware as text; "not reported" where the wire does not carry one."""

@@ -3,9 +3,7 @@
 import fcntl
 import json
 import os
-import shlex
 import socket
-import sys
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -15,13 +13,13 @@ from types import TracebackType
 from labctl.errors import BadInput
 from labctl.ledger.moment import Now
 from labctl.plain_json import from_json, to_json
+from labctl.this_process import command_line
 
 LOCK = "ledger.lock"
 # A reader that looks whether the lock is held holds it for a moment itself.
 _PATIENCE_S = 1.0
 _LOOK_S = 0.02
 _LENGTH = 2048
-_MOST_SHOWN = 200
 # Bytes of JSON, which writes an emoji in twelve: with all else it must fit into _LENGTH.
 _LONGEST_COMMAND = 1000
 
@@ -153,9 +151,7 @@ def _read(descriptor: int) -> Holder:
 
 
 def _command() -> str:
-    command = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
-    if len(command) > _MOST_SHOWN:
-        command = f"{command[:_MOST_SHOWN]} ..."
+    command = command_line()
     while len(json.dumps(command)) > _LONGEST_COMMAND:
         command = f"{command[: len(command) // 2]} ..."
     return command

@@ -153,10 +153,10 @@ class TrialRecord:
 
 @dataclass(frozen=True)
 class EventRecord:
-    """Something that happened to a run (`run` None: to the ledger itself).
+    """Something that happened to a run (`run` None: to the ledger itself, or to a rig).
 
-    `kind`: "trial-begun", "paused", "resumed", "interrupted", "continued", "finished", "failed",
-    "clock-set-back", "restored", ... `detail` holds the rest.
+    `kind`: "trial-begun", "paused", "resumed", "interrupted", "continued", "finished", "failed", "zero-moved",
+    "clock-set-back", "restored", "tared", ... `detail` holds the rest.
     """
 
     run: int | None

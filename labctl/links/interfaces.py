@@ -1,10 +1,11 @@
 """What a driver needs of its link: small interfaces, met by the real links and by scripted ones."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 from labctl.clock import Clock
 from labctl.links.deadline import Deadline
+from labctl.links.line_resync import Probe, Stream
 
 
 class LineLink(Protocol):
@@ -25,12 +26,26 @@ class LineLink(Protocol):
         """A reply is missing or was not understood: the next exchange resynchronises first."""
         ...
 
+    @property
+    def noticed(self) -> tuple[str, ...]:
+        """What the link left out of the answers so far, in words for people."""
+        ...
+
     def mark_suspect(self) -> None:
         """Report to the link that what it delivered was not the reply."""
         ...
 
-    def resync_by(self, request: bytes, accepts: Callable[[bytes], bool]) -> None:
-        """Set a request whose reply no late reply can be mistaken for."""
+    @property
+    def ended_stream(self) -> bool:
+        """The instrument was streaming, and was set to polling."""
+        ...
+
+    def resync_by(self, probes: Sequence[Probe]) -> None:
+        """Set the questions whose answers no late answer can be mistaken for, the quickest first."""
+        ...
+
+    def expect_stream(self, stream: Stream) -> None:
+        """Set how a stream is known and ended."""
         ...
 
     def exchange_line(self, request: bytes, deadline: Deadline) -> bytes:
@@ -61,6 +76,11 @@ class RegisterLink(Protocol):
     @property
     def clock(self) -> Clock:
         """The clock of the deadlines."""
+        ...
+
+    @property
+    def noticed(self) -> tuple[str, ...]:
+        """What the link left out of the answers so far, in words for people."""
         ...
 
     def resync_by_holding_registers(self, address: int, count: int, device_id: int) -> None:

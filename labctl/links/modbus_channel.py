@@ -17,12 +17,15 @@ class ModbusChannel(Protocol):
     """Bytes of Modbus frames, read one at a time.
 
     Reading singly leaves what follows a frame unread: the RTU framer throws away what it is given beyond one.
-    `overhead_bytes` is the length of a frame less its PDU.
+    `overhead_bytes` is the length of a frame less its PDU. `strays` are the bytes that the wires add between frames.
+    `is_serial`: frames carry no number, so that a late reply looks like a new one, and a request may come back.
     """
 
     name: str
     framer: FramerBase
     overhead_bytes: int
+    strays: bytes
+    is_serial: bool
 
     def write(self, frame: bytes, deadline: Deadline) -> None:
         """Send one frame."""
@@ -34,6 +37,10 @@ class ModbusChannel(Protocol):
 
     def has_input(self) -> bool:
         """Bytes are waiting that no request is open for."""
+        ...
+
+    def begin(self, deadline: Deadline) -> bool:
+        """See to it that nothing of an earlier owner's is on the way; False where something was."""
         ...
 
     def next_transaction(self) -> int:
@@ -53,6 +60,9 @@ class RtuChannel:
     """RTU frames, 8N1. Late replies are discarded until the line is quiet."""
 
     overhead_bytes = 3
+    # A line that was let go of reads 0x00 or 0xFF, which are no device's address; boxes for text add CR and LF.
+    strays = b"\x00\xff\r\n"
+    is_serial = True
 
     def __init__(self, port: BytePort, baudrate: int, clock: Clock, quiet_s: float) -> None:
         self._port = port
@@ -64,6 +74,8 @@ class RtuChannel:
         # V1.02", 2.5.1.1).
         self._gap_s = max(3.5 * 10 / baudrate, 0.00175)
         self._last_byte_s = clock.now_s()
+        # A device may still be answering whoever had the port before.
+        self._is_new = True
 
     def write(self, frame: bytes, deadline: Deadline) -> None:
         """Send one frame after the silence that ended the one before."""
@@ -82,6 +94,13 @@ class RtuChannel:
         """Bytes are waiting that no request is open for."""
         return self._port.has_input()
 
+    def begin(self, deadline: Deadline) -> bool:
+        """Before the first read, wait for the line to be quiet; False where more than strays came."""
+        if not self._is_new:
+            return True
+        self._is_new = False
+        return not discard_until_quiet(self._port, self._clock, self._quiet_s, deadline).strip(self.strays)
+
     def next_transaction(self) -> int:
         """RTU has no transaction numbers."""
         return 0
@@ -89,6 +108,7 @@ class RtuChannel:
     def discard_late_replies(self, deadline: Deadline) -> bool:
         """Discard input until the line is quiet; a reply may be later still."""
         discard_until_quiet(self._port, self._clock, self._quiet_s, deadline)
+        self._is_new = False
         return False
 
     def close(self) -> None:
@@ -106,6 +126,8 @@ class TcpChannel:
     """
 
     overhead_bytes = 7
+    strays = b""
+    is_serial = False
 
     def __init__(self, connect: Callable[[float], TcpBytes], connect_timeout_s: float) -> None:
         self._connect = connect
@@ -126,6 +148,10 @@ class TcpChannel:
     def has_input(self) -> bool:
         """Never: unrequested frames are recognised by their transaction numbers."""
         return False
+
+    def begin(self, deadline: Deadline) -> bool:
+        """A new connection is in step."""
+        return True
 
     def next_transaction(self) -> int:
         """1 to 65535, then again; 0 is never used, since the framer takes it for "none"."""

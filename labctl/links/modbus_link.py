@@ -5,14 +5,11 @@ every read and counts on the clock of the day, so that a call can take twice its
 compared with the request's function, address or count.
 """
 
-import struct
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 
-from pymodbus.exceptions import ModbusException
-from pymodbus.pdu import ExceptionResponse, ModbusPDU
+from pymodbus.pdu import ModbusPDU
 from pymodbus.pdu.bit_message import ReadCoilsRequest, WriteMultipleCoilsRequest, WriteSingleCoilRequest
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
@@ -24,6 +21,8 @@ from labctl.clock import Scheduler
 from labctl.errors import GarbledReply, InstrumentRefused, NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.links.modbus_channel import ModbusChannel, RtuChannel, TcpChannel
+from labctl.links.modbus_replies import Reply, ReplyReader, shown
+from labctl.links.modbus_resync import ModbusResync, Probe
 from labctl.links.wires import SYSTEM_WIRES, Wires
 
 QUIET_S = 0.05
@@ -44,41 +43,17 @@ _EXCEPTIONS = {
 }
 
 
-@dataclass(frozen=True)
-class _Reply:
-    """A decoded reply and the bytes it came in."""
-
-    pdu: ModbusPDU
-    frame: bytes
-
-
-@dataclass(frozen=True)
-class _Probe:
-    """The read that resynchronises: of holding registers, or of coils."""
-
-    address: int
-    count: int
-    device_id: int
-    of_coils: bool = False
-
-    def request(self) -> ModbusPDU:
-        """As it is sent; made anew each time, because a link numbers what it sends."""
-        if self.of_coils:
-            return ReadCoilsRequest(address=self.address, count=self.count, dev_id=self.device_id)
-        return ReadHoldingRegistersRequest(address=self.address, count=self.count, dev_id=self.device_id)
-
-    @property
-    def reply_bytes(self) -> int:
-        """The length of its reply's PDU."""
-        return 2 + ((self.count + 7) // 8 if self.of_coils else 2 * self.count)
-
-
 class ModbusLink:
     """One exchange at a time, and never an old reply for a new request.
 
     Every call ends by its deadline. After a failed exchange the link gets in step again before a reply is
     trusted: TCP connects anew; RTU discards input until the line is quiet, then reads the registers of
-    `resync_by_holding_registers` until their reply has come.
+    `resync_by_holding_registers` until their reply has come (`ModbusResync`).
+
+    What carries no doubt is left out and kept in `noticed`: stray bytes between frames, and the request itself where
+    an adapter echoes it. A single coil is confirmed by a copy of its request: whether the line echoes is therefore
+    learned from every exchange whose reply is another frame, and while that is not known the next request waits for a
+    quiet line after such a copy.
     """
 
     def __init__(self, channel: ModbusChannel, clock: Scheduler) -> None:
@@ -87,15 +62,23 @@ class ModbusLink:
         self._channel = channel
         self._lock = clock.lock()
         self._suspect = False
-        self._probe: _Probe | None = None
+        # The last reply was a copy of its request: where it was its echo, the reply may follow.
+        self._may_be_echo = False
+        self._replies = ReplyReader(channel)
+        self._resync = ModbusResync(channel, clock, self._replies)
+
+    @property
+    def noticed(self) -> tuple[str, ...]:
+        """What the link left out of the answers so far, in words."""
+        return self._replies.noticed.texts
 
     def resync_by_holding_registers(self, address: int, count: int, device_id: int) -> None:
         """Set the read that resynchronises: no other request of the driver has a reply of its shape."""
-        self._probe = _Probe(address, count, device_id)
+        self._resync.use(Probe(address, count, device_id))
 
     def resync_by_coils(self, address: int, count: int, device_id: int) -> None:
-        """Set a read of coils for it: a late reply can be taken for its reply, but then for no later one's."""
-        self._probe = _Probe(address, count, device_id, of_coils=True)
+        """Set a read of coils for it, where the device leaves the registers unanswered: it proves less."""
+        self._resync.fall_back_on(Probe(address, count, device_id, of_coils=True))
 
     def read_coils(self, address: int, count: int, device_id: int, deadline: Deadline) -> tuple[bool, ...]:
         """Function 01: `count` coils from `address` on.
@@ -163,30 +146,41 @@ class ModbusLink:
                 f"the device confirms {written.count} values at {written.address}, not {count} at {address}"
             )
 
-    def _exchange(self, request: ModbusPDU, reply_bytes: int, deadline: Deadline) -> _Reply:
+    def _exchange(self, request: ModbusPDU, reply_bytes: int, deadline: Deadline) -> Reply:
         """Send a request and return its reply, whose PDU has `reply_bytes` bytes."""
         if not self._lock.acquire(deadline.remaining_s()):
             raise NoAnswer(
                 f"{self.name}: the link was busy with another exchange for {deadline.seconds:g} s, "
-                f"{_shown(request)} was not sent; allow more time"
+                f"{shown(request)} was not sent; allow more time"
             )
         try:
             in_step = self._get_in_step(request, deadline)
             self._suspect = True
-            self._send(request, deadline)
-            reply = self._receive(request, deadline)
-            if not self._is_reply(request, reply, reply_bytes):
-                raise self._foreign(f"{reply.frame.hex(' ')} does not answer {_shown(request)}")
+            sent = self._send(request, deadline)
+            reply = self._next_reply(request, sent, reply_bytes, deadline)
+            if not self._replies.answers(request, reply, reply_bytes):
+                raise self._foreign(f"{reply.frame.hex(' ')} does not answer {shown(request)}")
+            self._replies.learn_echo(reply.echoed, reply.frame == sent)
+            self._may_be_echo = reply.frame == sent and self._replies.echoes is None
             self._suspect = not in_step
+            if not self._suspect:
+                self._resync.in_step()
         finally:
             self._lock.release()
         if reply.pdu.isError():
             code = reply.pdu.exception_code
             raise InstrumentRefused(
-                f"{self.name}: the device refused {_shown(request)} with exception {code} "
+                f"{self.name}: the device refused {shown(request)} with exception {code} "
                 f"({_EXCEPTIONS.get(code, 'unknown')}); check device id, address and model"
             )
         return reply
+
+    def _next_reply(self, request: ModbusPDU, sent: bytes, reply_bytes: int, deadline: Deadline) -> Reply:
+        try:
+            return self._replies.next(request, sent, reply_bytes, deadline)
+        except NoAnswer:
+            self._resync.unanswered(request, reply_bytes)
+            raise
 
     def _get_in_step(self, request: ModbusPDU, deadline: Deadline) -> bool:
         """See to it that the next reply is the one to `request`; False where that stays open, for a write.
@@ -194,69 +188,42 @@ class ModbusLink:
         A write must reach a device that acts and whose replies are lost, and drivers read back what they wrote: so a
         write only waits for the line to calm down, and the read that follows makes sure.
         """
-        if not (self._suspect or self._channel.has_input()):
+        writes = request.function_code in _WRITES
+        self._suspect = self._suspect or self._disturbed(request, deadline)
+        if not (self._suspect or self._may_be_echo):
             return True
-        self._suspect = True
-        if request.function_code in _WRITES:
+        if writes:
             with suppress(NoAnswer, GarbledReply):
-                return self._channel.discard_late_replies(deadline.share(0.5))
+                return self._channel.discard_late_replies(deadline.share(0.5)) or not self._suspect
             return False
-        if not self._channel.discard_late_replies(deadline) and self._probe is not None:
-            self._read_probe(self._probe, deadline)
+        if not self._suspect:
+            self._channel.discard_late_replies(deadline)
+            return True
+        self._resync.run(deadline)
         return True
 
-    def _read_probe(self, probe: _Probe, deadline: Deadline) -> None:
-        """Read up to the reply that cannot be late; a device answers in order, so no late one follows."""
-        request = probe.request()
-        self._send(request, deadline)
-        while not self._is_reply(request, self._receive(request, deadline), probe.reply_bytes):
-            pass
+    def _disturbed(self, request: ModbusPDU, deadline: Deadline) -> bool:
+        """Whether anything has come that nobody requested, strays apart."""
+        # A write does not wait: no earlier owner's late answer is taken for its own.
+        if request.function_code not in _WRITES and not self._channel.begin(deadline):
+            return True
+        for _ in range(self._channel.framer.MAX_SIZE):
+            if not self._channel.has_input():
+                return False
+            byte = self._channel.read_byte(Deadline(self.clock, 0.0))
+            if not self._replies.is_stray(byte, request):
+                return True
+        return True
 
-    def _send(self, request: ModbusPDU, deadline: Deadline) -> None:
+    def _send(self, request: ModbusPDU, deadline: Deadline) -> bytes:
         request.transaction_id = self._channel.next_transaction()
-        self._channel.write(self._channel.framer.buildFrame(request), deadline)
-
-    def _receive(self, request: ModbusPDU, deadline: Deadline) -> _Reply:
-        framer = self._channel.framer
-        received = b""
-        while len(received) <= framer.MAX_SIZE:
-            try:
-                received += self._channel.read_byte(deadline)
-            except NoAnswer as error:
-                raise self._no_answer(request, received, deadline) from error
-            try:
-                used, pdu = framer.handleFrame(received, request.dev_id, request.transaction_id)
-            except (ModbusException, IndexError, ValueError, struct.error) as error:
-                raise self._foreign(f"{received.hex(' ')} cannot be decoded") from error
-            if pdu is not None:
-                return _Reply(pdu, received)
-            if used:
-                raise self._foreign(
-                    f"{received.hex(' ')} has a bad checksum, or another device id or transaction number"
-                )
-        raise self._foreign(f"more than {framer.MAX_SIZE} bytes and no frame among them")
-
-    def _is_reply(self, request: ModbusPDU, reply: _Reply, reply_bytes: int) -> bool:
-        if isinstance(reply.pdu, ExceptionResponse):
-            function, length = request.function_code | 0x80, 2
-        else:
-            function, length = request.function_code, reply_bytes
-        return (
-            reply.pdu.function_code == function
-            and reply.pdu.transaction_id == request.transaction_id
-            and len(reply.frame) == length + self._channel.overhead_bytes
-        )
+        frame = self._channel.framer.buildFrame(request)
+        self._channel.write(frame, deadline)
+        return frame
 
     def _foreign(self, what: str) -> GarbledReply:
         self._suspect = True
-        return GarbledReply(f"{self.name}: {what}; check cable, baud rate, device id and termination")
-
-    def _no_answer(self, request: ModbusPDU, received: bytes, deadline: Deadline) -> NoAnswer:
-        got = f"only {received.hex(' ')} came" if received else "nothing came"
-        return NoAnswer(
-            f"{self.name}: no answer to {_shown(request)} within {deadline.seconds:g} s ({got}); "
-            "check power, cable, baud rate and device id"
-        )
+        return self._replies.foreign(what)
 
 
 def open_modbus_serial(
@@ -291,7 +258,3 @@ def open_modbus_tcp(
         LinkDown: nobody took the connection.
     """
     return ModbusLink(TcpChannel(partial(wires.open_tcp, host, port, clock, name), connect_timeout_s), clock)
-
-
-def _shown(request: ModbusPDU) -> str:
-    return f"function {request.function_code:02X} at address {request.address} of device {request.dev_id}"

@@ -1,16 +1,16 @@
 """Requests and replies in CR-terminated lines over a serial port."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from labctl.clock import Scheduler
 from labctl.errors import GarbledReply, NoAnswer
 from labctl.links.deadline import Deadline
+from labctl.links.incoming_lines import END, IncomingLines
 from labctl.links.interfaces import BytePort
-from labctl.links.serial_port import CHUNK_BYTES, discard_until_quiet
+from labctl.links.line_resync import LineResync, Probe, Stream, Wire
 from labctl.links.wires import SYSTEM_WIRES, Wires
 
-END = b"\r"
 QUIET_S = 0.1
 
 
@@ -19,8 +19,11 @@ class SerialLink:
 
     A line protocol has no transaction numbers, so a reply that comes after its time-out looks like the reply
     to the next request. After a time-out, a broken line or unrequested bytes the link is therefore `suspect`: the
-    next exchange first discards input until the line is quiet for `quiet_s`, then sends the request of
-    `resync_by` and discards lines up to its reply. Devices answer in order, so that reply comes last.
+    next exchange first resynchronises by the questions of `resync_by` (`LineResync`); where there are none, it
+    discards input until the line is quiet for `quiet_s`.
+
+    What carries no doubt is left out and kept in `noticed`: blank lines and strays (`IncomingLines`), and the request
+    itself where it comes back before its answer.
     """
 
     def __init__(
@@ -36,26 +39,41 @@ class SerialLink:
         self.name = port.name
         self.clock = clock
         self._quiet_s = quiet_s
-        self._max_line_bytes = max_line_bytes
         self._max_lines = max_lines
         self._lock = clock.lock()
-        self._held = b""
+        self._lines = IncomingLines(port, clock, max_line_bytes)
         # A device may still be answering whoever had the port before.
         self._suspect = True
-        self._probe: tuple[bytes, Callable[[bytes], bool]] | None = None
+        self._resync = LineResync(
+            port.name, clock, Wire(self._lines.write, self._lines.next, self._lines.discard)
+        )
 
     @property
     def suspect(self) -> bool:
         """A reply is missing or was not understood: the next exchange resynchronises first."""
         return self._suspect
 
+    @property
+    def noticed(self) -> tuple[str, ...]:
+        """What the link left out of the answers so far, in words."""
+        return self._lines.noticed.texts
+
+    @property
+    def ended_stream(self) -> bool:
+        """The instrument was streaming, and was set to polling."""
+        return self._resync.ended_stream
+
     def mark_suspect(self) -> None:
         """Report to the link that what it delivered was not the reply."""
         self._suspect = True
 
-    def resync_by(self, request: bytes, accepts: Callable[[bytes], bool]) -> None:
-        """Set the request that resynchronises, and the test that knows its reply from every other line."""
-        self._probe = (request, accepts)
+    def resync_by(self, probes: Sequence[Probe]) -> None:
+        """Set the questions that resynchronise, the quickest first."""
+        self._resync.use(probes)
+
+    def expect_stream(self, stream: Stream) -> None:
+        """Set how a stream is known and ended."""
+        self._resync.expect_stream(stream)
 
     def exchange_line(self, request: bytes, deadline: Deadline) -> bytes:
         """Send a request and return its reply of one line, without the CR.
@@ -66,8 +84,13 @@ class SerialLink:
             LinkDown: the port is closed or gone.
         """
         with self._turn(request, deadline):
-            self._port.write(request, deadline)
-            return self._read_line(request, deadline)
+            self._lines.write(request, deadline)
+            line = self._read_line(request, deadline)
+            if self._resync.answers_another(line, request):
+                raise GarbledReply(
+                    f"{self.name}: {line!r} came for {_shown(request)} and answers an earlier question; ask again"
+                )
+            return line
 
     def exchange_lines(self, request: bytes, deadline: Deadline, idle_s: float) -> list[bytes]:
         """Send a request and return the lines of its reply, which ends when the line is idle for `idle_s`.
@@ -78,9 +101,9 @@ class SerialLink:
             LinkDown: the port is closed or gone.
         """
         with self._turn(request, deadline):
-            self._port.write(request, deadline)
+            self._lines.write(request, deadline)
             lines = [self._read_line(request, deadline)]
-            while self._held or self._wait_for_input(idle_s, request, deadline):
+            while self._wait_for_line(idle_s, request, deadline):
                 if len(lines) == self._max_lines:
                     raise GarbledReply(
                         f"{self.name}: more than {self._max_lines} lines in answer to {_shown(request)}; "
@@ -100,7 +123,8 @@ class SerialLink:
         """
         with self._locked(request, deadline):
             self._suspect = True
-            self._port.write(request, deadline)
+            self._resync.sent_unheard()
+            self._lines.write(request, deadline)
 
     def close(self) -> None:
         """Give the port back; may be called twice."""
@@ -122,49 +146,41 @@ class SerialLink:
     def _turn(self, request: bytes, deadline: Deadline) -> Iterator[None]:
         """Hold the link for one exchange that starts resynchronised and is suspect unless it ends well."""
         with self._locked(request, deadline):
-            if self._suspect or self._held or self._port.has_input():
-                self._resynchronise(deadline)
+            if self._lines.pending() or self._suspect:
+                self._resynchronise(request, deadline)
             self._suspect = True
-            yield
+            try:
+                yield
+            except NoAnswer:
+                self._resync.unanswered(request)
+                raise
             self._suspect = False
 
-    def _resynchronise(self, deadline: Deadline) -> None:
+    def _resynchronise(self, request: bytes, deadline: Deadline) -> None:
         self._suspect = True
-        self._discard(deadline)
-        if self._probe is None:
-            return
-        request, accepts = self._probe
-        self._port.write(request, deadline)
-        while not accepts(self._read_line(request, deadline)):
-            pass
+        if self._resync.possible and not self._resync.is_table(request):
+            self._resync.run(deadline)
+        else:
+            self._resync.rests(self._quiet_s, deadline)
 
-    def _discard(self, deadline: Deadline) -> None:
-        self._held = b""
-        discard_until_quiet(self._port, self.clock, self._quiet_s, deadline)
-
-    def _wait_for_input(self, idle_s: float, request: bytes, deadline: Deadline) -> bool:
+    def _wait_for_line(self, idle_s: float, request: bytes, deadline: Deadline) -> bool:
         idle = Deadline(self.clock, min(idle_s, deadline.remaining_s()))
-        self._held = self._port.read_some(CHUNK_BYTES, idle)
-        if not self._held and idle.seconds < idle_s:
+        if self._lines.wait(idle):
+            return True
+        if idle.seconds < idle_s:
             raise self._no_answer(request, deadline, "the end of the answer could not be found")
-        return bool(self._held)
+        return False
 
     def _read_line(self, request: bytes, deadline: Deadline) -> bytes:
-        while END not in self._held:
-            if len(self._held) > self._max_line_bytes:
-                break
-            data = self._port.read_some(CHUNK_BYTES, deadline)
-            if not data:
-                got = f"only {self._held!r} came" if self._held else "nothing came"
-                raise self._no_answer(request, deadline, got)
-            self._held += data
-        line, _, self._held = self._held.partition(END)
-        if len(line) > self._max_line_bytes:
-            raise GarbledReply(
-                f"{self.name}: a line of more than {self._max_line_bytes} bytes in answer to "
-                f"{_shown(request)}; check the baud rate"
-            )
-        return line
+        line = self._lines.next(deadline)
+        if line is not None:
+            return line
+        came = self._lines.unfinished
+        if self._lines.echoed:
+            got = "nothing came but its echo" + (f" and {came!r}" if came else "")
+        else:
+            got = f"only {came!r} came" if came else "nothing came"
+        raise self._no_answer(request, deadline, got)
 
     def _no_answer(self, request: bytes, deadline: Deadline, got: str) -> NoAnswer:
         return NoAnswer(

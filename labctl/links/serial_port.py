@@ -110,23 +110,24 @@ class SerialPort:
         )
 
 
-def discard_until_quiet(port: BytePort, clock: Clock, quiet_s: float, deadline: Deadline) -> None:
-    """Throw a port's input away until nothing has come for `quiet_s`.
+def discard_until_quiet(port: BytePort, clock: Clock, quiet_s: float, deadline: Deadline) -> bytes:
+    """Throw a port's input away until nothing has come for `quiet_s`; returns the last of what came.
 
     Raises:
         GarbledReply: bytes kept coming until the deadline.
         NoAnswer: the deadline left no time to find out.
         LinkDown: the port is closed or gone.
     """
-    discarded = 0
+    discarded, last = 0, b""
     while True:
         quiet = Deadline(clock, min(quiet_s, deadline.remaining_s()))
         data = port.read_some(CHUNK_BYTES, quiet)
         discarded += len(data)
+        last = (last + data)[-CHUNK_BYTES:]
         if data and not deadline.expired:
             continue
         if quiet.seconds >= quiet_s and not data:
-            return
+            return last
         if discarded:
             raise GarbledReply(
                 f"{port.name}: {discarded} bytes came unrequested and the line was not quiet for {quiet_s:g} "

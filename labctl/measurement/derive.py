@@ -83,7 +83,15 @@ def _pressure_problem(recording: Recording, window: Window) -> str | None:
     """What is wrong where the sheet was under pressure."""
     gauge_psi = recording.gauge_psi_between(window.start_s, window.end_s)
     tolerance_psi = recording.basis.tolerance_psi
-    if not len(gauge_psi) or in_band(max(gauge_psi.max(), 0.0), 0.0, tolerance_psi):
+    if not len(gauge_psi):
+        return None
+    # The mean: a gauge whose zero is off by nearly as much as it may be reads less now and then.
+    if not in_band(min(gauge_psi.mean(), 0.0), 0.0, tolerance_psi):
+        return (
+            f"the pressure was {gauge_psi.mean():.3f} psi, below -{tolerance_psi:g} psi, which a vented sheet does "
+            "not have: the gauge's zero was off, and every pressure with it; tare the regulator"
+        )
+    if in_band(max(gauge_psi.max(), 0.0), 0.0, tolerance_psi):
         return None
     return (
         f"the pressure was {gauge_psi.max():.3f} psi, above {tolerance_psi:g} psi: this is not the uninflated sheet; "

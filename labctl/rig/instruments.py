@@ -1,4 +1,8 @@
-"""A rig's three instruments, opened, identified and closed together; nothing is energised here."""
+"""A rig's instruments, opened, identified and closed together; nothing is energised here.
+
+Opening looks at what is known to be zero: the gauge of a rig that is vented. A regulator in control steers its own
+reading to 0, true or not; so the exhaust is opened for it or, where there is none, the regulator shut meanwhile.
+"""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -6,13 +10,16 @@ from dataclasses import dataclass
 
 from labctl.clock import Clock, Scheduler
 from labctl.config.rig import RigConfig
-from labctl.drivers.opening import open_markers, open_regulator, open_valves
+from labctl.drivers.opening import open_gauge, open_markers, open_regulator, open_valves
 from labctl.errors import InstrumentError, LabError, RigUnavailable, Unsafe
-from labctl.instruments.interfaces import PressureRegulator, ValveBank
+from labctl.instruments.interfaces import PressureGauge, PressureRegulator, ValveBank
 from labctl.instruments.readings import Identity, PressureReading
 from labctl.links.wires import Wires
 from labctl.rig.marker_feed import MarkerFeed
+from labctl.safety.guard import Guard
 from labctl.safety.safe_state import SETPOINT_ZERO_PSI, make_safe
+from labctl.safety.second_gauge import SecondGauge
+from labctl.safety.zero import GaugeSection, no_gas_in, wait_for_zero, zero_problem
 from labctl.stop import StopRequest
 
 
@@ -23,21 +30,25 @@ class Identities:
     regulator: Identity
     valves: Identity
     markers: Identity
+    gauge: Identity | None = None
 
     def by_instrument(self) -> dict[str, Identity]:
         """Each by the name of its section in rig.toml."""
-        return {"regulator": self.regulator, "valves": self.valves, "markers": self.markers}
+        three = {"regulator": self.regulator, "valves": self.valves, "markers": self.markers}
+        return three if self.gauge is None else {**three, "gauge": self.gauge}
 
 
 class RigInstruments:
-    """Regulator, valve bank and marker stream of one rig, each of which has identified itself.
+    """Regulator, valve bank, marker stream and any second gauge of one rig; each has identified itself.
 
     A rig that is found with pressure, a setpoint or valves on was left so by something else: it is taken to
     SAFE before anything else is done. Frames are stamped by `clock`, the rig's; all else is timed by the wall's.
+    `zero_psi` is what the gauge read with the way out open, the mean of half a second.
 
     Raises:
         Unsafe: it was found energised and SAFE could not be read back.
-        RigUnavailable: one is absent, silent, or not what rig.toml states; nothing was energised.
+        RigUnavailable: one is absent, silent, or not what rig.toml states, or the gauge does not read 0 where the
+            pressure must be 0; nothing was energised.
         Stopped: the operator requested a stop while they were being opened.
     """
 
@@ -49,6 +60,7 @@ class RigInstruments:
         clock: Clock,
         stop: StopRequest,
         notify: Callable[[str], None],
+        guard: Guard,
     ) -> None:
         with ExitStack() as opened:
             try:
@@ -61,12 +73,16 @@ class RigInstruments:
                 found = _found_energised(self.regulator.read(), self.valves.read(), config)
                 if found:
                     notify(f"{config.name} was found energised ({found}): taking it to SAFE")
-                    _make_safe(self.regulator, self.valves, config, scheduler)
+                    _make_safe(self.regulator, self.valves, config, scheduler, guard)
+                self.zero_psi = _look_at_zero(self.regulator, config, clock, stop)
+                self.second_gauge, gauge_identity = self._open_gauge(config, scheduler, wires, clock, stop)
+                if self.second_gauge is not None:
+                    opened.callback(self.second_gauge.close)
                 markers = open_markers(config.markers, scheduler, clock, wires)
                 opened.callback(markers.close)
                 stop.check()
                 self.identities = Identities(
-                    self.regulator.identify(), self.valves.identify(), markers.identify()
+                    self.regulator.identify(), self.valves.identify(), markers.identify(), gauge_identity
                 )
                 _require_as_configured(self.identities.regulator, config)
                 markers.start()
@@ -76,6 +92,21 @@ class RigInstruments:
             opened.callback(self.feed.close)
             self.feed.start()
             self._opened = opened.pop_all()
+
+    def _open_gauge(
+        self, config: RigConfig, scheduler: Scheduler, wires: Wires, clock: Clock, stop: StopRequest
+    ) -> tuple[SecondGauge | None, Identity | None]:
+        """The second gauge, at zero as the first one; the exhaust is open."""
+        if config.gauge is None:
+            return None, None
+        gauge = open_gauge(config.gauge, config.limits, scheduler, wires)
+        try:
+            identity = gauge.identify()
+            limits = config.limits.for_zero(_read_zero(gauge, "gauge", config, clock, stop))
+        except BaseException:
+            gauge.close()
+            raise
+        return SecondGauge(gauge, self.regulator.name, limits, clock, scheduler), identity
 
     def close(self, notify: Callable[[str], None]) -> None:
         """Give every link back; `notify` gets what fails on the way. May be called twice."""
@@ -98,8 +129,10 @@ def _found_energised(reading: PressureReading, channels_on: frozenset[int], conf
 
 
 def _make_safe(
-    regulator: PressureRegulator, valves: ValveBank, config: RigConfig, scheduler: Scheduler
+    regulator: PressureRegulator, valves: ValveBank, config: RigConfig, scheduler: Scheduler, guard: Guard
 ) -> None:
+    # From here the guard ends a program that has stopped as it would in any other step.
+    guard.energised()
     report = make_safe(
         regulator,
         valves,
@@ -107,9 +140,42 @@ def _make_safe(
         dump_channel=config.valves.dump_channel,
         clock=scheduler,
         scheduler=scheduler,
+        tick=guard.beat,
     )
+    if report.only_zero_is_off:
+        raise InstrumentError(f"{config.regulator.name}: {report.describe()}")
     if not report.safe:
         raise Unsafe(f"{config.name} was found energised: {report.describe()}")
+    guard.safe()
+
+
+def _look_at_zero(regulator: PressureRegulator, config: RigConfig, clock: Clock, stop: StopRequest) -> float:
+    """What the gauge reads with the way out open, in psi.
+
+    Raises:
+        InstrumentError: it is not 0, from either side; with the causes.
+        Stopped: the operator requested a stop.
+    """
+    stop.check()
+    with no_gas_in(regulator):
+        return _read_zero(regulator, "regulator", config, clock, stop)
+
+
+def _read_zero(
+    gauge: PressureGauge, section: GaugeSection, config: RigConfig, clock: Clock, stop: StopRequest
+) -> float:
+    """What a gauge of a vented rig reads, in psi; raises as `_look_at_zero`."""
+
+    def read() -> PressureReading:
+        stop.check()
+        return gauge.read()
+
+    reading = wait_for_zero(read, config.limits, clock)
+    assert reading is not None  # noqa: S101 - `read` raises where it cannot
+    problem = zero_problem(reading.gauge_psi, config.limits, section=section)
+    if problem is not None:
+        raise InstrumentError(f"{gauge.name}: {problem}")
+    return reading.gauge_psi
 
 
 def _require_as_configured(regulator: Identity, config: RigConfig) -> None:

@@ -109,6 +109,11 @@ class MarkerFeed:
         with self._lock:
             return self._scheduler.now_s() - self._newest_s
 
+    def newest(self) -> MarkerFrames | None:
+        """The batch that came last; None before the first."""
+        with self._lock:
+            return self._kept[-1] if self._kept else None
+
     def close(self) -> None:
         """End the thread; may be called twice. The source stays open.
 

@@ -1,10 +1,12 @@
-"""What a rig runs on: time, the wires to its instruments, and the guard that outlives its program."""
+"""What a rig runs on: time, wires, the guard that outlives its program, and what finds who holds which rig."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from labctl.clock import Scheduler, WallClock
 from labctl.config.rig import RigConfig
+from labctl.holder.interfaces import Holders
+from labctl.holder.system import SystemHolders
 from labctl.links.wires import SYSTEM_WIRES, Wires
 from labctl.safety.guard import Guard, GuardProcess
 from labctl.safety.priority import Priority, ask_for_real_time, stay_ordinary
@@ -21,7 +23,8 @@ class Platform:
     scheduler: Scheduler
     wires: Wires
     start_guard: Callable[[RigConfig], Guard]
+    holders: Holders
     prioritise: Callable[[], Priority] = stay_ordinary
 
 
-SYSTEM = Platform(WallClock(), SYSTEM_WIRES, GuardProcess, ask_for_real_time)
+SYSTEM = Platform(WallClock(), SYSTEM_WIRES, GuardProcess, SystemHolders(), ask_for_real_time)

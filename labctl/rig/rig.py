@@ -11,15 +11,19 @@ from types import TracebackType
 
 from labctl.clock import Clock, rig_clock
 from labctl.config.rig import RigConfig
-from labctl.errors import InstrumentError, Unsafe
+from labctl.errors import InstrumentError, Stopped, Unsafe
 from labctl.instruments.readings import MarkerFrames, PressureReading, in_band
 from labctl.rig.instruments import RigInstruments
 from labctl.rig.platform import SYSTEM, Platform
 from labctl.rig.recorder import Recorder, errors_to_recorder
+from labctl.rig.sight import Sight
 from labctl.rig.trace import PressureTrace
 from labctl.safety.lateness import Lateness, refuse_late
 from labctl.safety.safe_state import SafeReport
+from labctl.safety.sheet_witness import SheetWitness
 from labctl.safety.supervisor import Supervisor
+from labctl.safety.witness import Witness
+from labctl.safety.zero import zero_problem
 from labctl.stop import StopRequest
 
 _TICK_S = 0.05
@@ -32,7 +36,9 @@ _FEWEST_READINGS = 5
 class Rig:
     """An open rig. Use as a context manager: `with Rig(config, stop=..., notify=...) as rig:`.
 
-    Opening identifies all three instruments, starts the guard and the supervisor, and energises nothing.
+    Opening identifies all instruments, looks at the gauge's zero with the exhaust open, starts the guard and the
+    supervisor, and energises nothing. `zero_psi` is what the gauge reads at 0: where that is too little, every limit
+    on its readings is as much lower, so that it holds for the true pressure.
 
     Args:
         config: the rig's configuration.
@@ -59,10 +65,13 @@ class Rig:
         self._notify = notify
         self._wall: Clock = platform.scheduler
         self._closed = False
+        # Held by whoever takes the rig to SAFE from outside, so that it is not closed meanwhile.
+        self._closing = platform.scheduler.lock()
+        self._vented_for: str | None = None
         self._guard = platform.start_guard(config)
         try:
             self._instruments = RigInstruments(
-                config, platform.scheduler, platform.wires, self.clock, stop, notify
+                config, platform.scheduler, platform.wires, self.clock, stop, notify, self._guard
             )
             try:
                 self._guard.wait_armed()
@@ -77,17 +86,30 @@ class Rig:
             self._guard.stand_down()
             raise
         self.identities = self._instruments.identities
+        self.zero_psi = self._instruments.zero_psi
+        self._limits = config.limits.for_zero(self.zero_psi)
+        if self._limits != config.limits:
+            notify(
+                f"{config.regulator.name} reads {self.zero_psi:.2f} psi at 0: the limits on its readings are as much "
+                f"lower, so that they hold for the true pressure (trip at {self._limits.trip_pressure_psi:.2f} psi)"
+            )
+        self._sheet_witness = SheetWitness(config.markers, config.limits, platform.scheduler)
         self._supervisor = Supervisor(
             self._instruments.regulator,
             self._instruments.valves,
-            config.limits,
+            self._limits,
             dump_channel=config.valves.dump_channel,
             scheduler=platform.scheduler,
             clock=self.clock,
             guard=self._guard,
             notify=notify,
             prioritise=platform.prioritise,
+            witnesses=(self._sheet_witness, *self._second_gauge()),
         )
+        self._observing = ExitStack()
+        self.sight = Sight(config.markers, self._instruments.feed, self._wall)
+        self._observing.enter_context(self._instruments.feed.observing(self._sheet_witness.take))
+        self._observing.enter_context(self._supervisor.observing(self.sight.take_pressure))
         self._supervisor.start()
         self._lateness: Lateness | None = Lateness(platform.scheduler, platform.prioritise)
 
@@ -106,6 +128,11 @@ class Rig:
         """What was last read back on the way to SAFE; None before that, and from when anything is energised."""
         return self._supervisor.safe_report
 
+    @property
+    def channels_on(self) -> frozenset[int] | None:
+        """The valves that were on when they were last read; None before that."""
+        return self._supervisor.channels_on
+
     def check(self) -> None:
         """Look whether anything may still be done.
 
@@ -122,6 +149,8 @@ class Rig:
     def _check_energising(self) -> None:
         """Look whether anything may be energised: `check`, and once whether this computer is on time."""
         self.check()
+        if self._vented_for is not None:
+            raise Stopped(f"stopped by {self._vented_for}")
         if self._lateness is not None:
             refuse_late(self._lateness.worst_s(), self.config.limits, self._notify)
             self._lateness = None
@@ -155,17 +184,19 @@ class Rig:
         )
 
     def fall_below(self, pressure_psi: float) -> PressureReading:
-        """Wait until the pressure reads below `pressure_psi`.
+        """Wait until the pressure reads below `pressure_psi`, and not below 0 by more than a zero may be off.
 
         Raises:
             InstrumentError: it did not within `limits.vent_timeout_s`.
         """
-        end_s = self.clock.now_s() + self.config.limits.vent_timeout_s
-        while (reading := self.pressure()).gauge_psi >= pressure_psi:
+        limits = self.config.limits
+        end_s = self.clock.now_s() + limits.vent_timeout_s
+        while not -limits.zero_within_psi <= (reading := self.pressure()).gauge_psi < pressure_psi:
             if self.clock.now_s() > end_s:
+                problem = zero_problem(reading.gauge_psi, limits)
                 raise InstrumentError(
                     f"{self.config.regulator.name}: {reading.gauge_psi:.2f} psi are left; the uninflated sheet is "
-                    f"measured below {pressure_psi:g} psi; tare the regulator or look for a blocked exhaust"
+                    f"measured below {pressure_psi:g} psi" + ("" if problem is None else f": {problem}")
                 )
         return reading
 
@@ -183,14 +214,24 @@ class Rig:
         return on
 
     def start_control(self) -> None:
-        """End hold and exhaust at setpoint 0, so that the regulator follows its setpoint again."""
+        """End hold and exhaust at setpoint 0, so that the regulator follows its setpoint again.
+
+        Raises:
+            InstrumentError: no marker is seen, and without them nobody would see a gauge that froze.
+        """
+        self._require_witness()
         with self._supervisor.energising(self._check_energising):
             self._instruments.regulator.write_setpoint(0.0)
             reading = self._instruments.regulator.cancel_hold()
             self._supervisor.expect(setpoint_psi=reading.setpoint_psi, mode="control")
 
     def write_setpoint(self, setpoint_psi: float) -> PressureReading:
-        """Write a setpoint and read it back."""
+        """Write a setpoint and read it back.
+
+        Raises:
+            InstrumentError: the true pressure would be above `limits.max_pressure_psi`, by the gauge's zero.
+        """
+        self._require_true(setpoint_psi)
         with self._supervisor.energising(self._check_energising):
             reading = self._instruments.regulator.write_setpoint(setpoint_psi)
             # As read back, in the device's own decimals: every later reading will have the same.
@@ -200,7 +241,12 @@ class Rig:
     def ramp_to(
         self, pressure_psi: float, watch: Callable[[PressureReading], None], from_psi: float = 0.0
     ) -> None:
-        """Raise the setpoint from `from_psi` to `pressure_psi` at the rig's ramp rate; `watch` sees each reading."""
+        """Raise the setpoint from `from_psi` to `pressure_psi` at the rig's ramp rate; `watch` sees each reading.
+
+        Raises:
+            InstrumentError: as `write_setpoint`, before the first step.
+        """
+        self._require_true(pressure_psi)
         start_s = self.clock.now_s()
         reached = False
         while not reached:
@@ -275,6 +321,16 @@ class Rig:
         """
         return self._supervisor.make_safe()
 
+    def vent_for(self, cause: str) -> SafeReport:
+        """Take the rig to SAFE for somebody outside, on their thread, and never energise it again.
+
+        Whatever the protocol does meanwhile: what it has begun is done first, and every later attempt to energise
+        raises `Stopped` with `cause`, in a teardown too.
+        """
+        self._vented_for = cause
+        with self._closing:
+            return self.close() if self._closed else self.make_safe()
+
     def reset(self) -> None:
         """Release the supervisor's latch after a trip that a person has dealt with; the rig is taken to SAFE first.
 
@@ -293,15 +349,46 @@ class Rig:
         """
         if self._closed and self.safe_report is not None:
             return self.safe_report
-        report = self.make_safe()
-        self._closed = True
-        self._supervisor.stop()
-        self._instruments.close(self._notify)
-        if report.safe:
+        with self._closing:
+            report = self.make_safe()
+            self._closed = True
+            self._observing.close()
+            self._supervisor.stop()
+            self._instruments.close(self._notify)
+        # Where only the gauge's zero is off, the guard could do no more, and would keep the port from a tare.
+        if report.safe or report.only_zero_is_off:
             self._guard.stand_down()
         else:
             self._guard.release()
         return report
+
+    def _second_gauge(self) -> tuple[Witness, ...]:
+        """The second gauge, at work from here on; none where there is none."""
+        second = self._instruments.second_gauge
+        if second is None:
+            return ()
+        second.start()
+        return (second,)
+
+    def _require_true(self, setpoint_psi: float) -> None:
+        """Refuse a setpoint by which this gauge, as its zero reads, would let the sheet go above the limit."""
+        limits, zero_psi = self.config.limits, self.zero_psi
+        if setpoint_psi > self._limits.max_pressure_psi:
+            raise InstrumentError(
+                f"{self.config.regulator.name} reads {zero_psi:.2f} psi at 0, so that {setpoint_psi:g} psi on it are "
+                f"{setpoint_psi - zero_psi:.2f} psi in the sheet, above limits.max_pressure = "
+                f"{limits.max_pressure_psi:g} psi; tare the gauge (labctl tare --rig FILE), or hold less"
+            )
+
+    def _require_witness(self) -> None:
+        """Wait until the markers are seen: a stream that has just begun has shown none yet."""
+        end_s = self._wall.now_s() + self.config.limits.unseen_after_s
+        while (absence := self._sheet_witness.absence()) is not None:
+            self.check()
+            self._supervisor.beat()
+            if self._wall.now_s() > end_s:
+                raise InstrumentError(f"{absence}. Nothing was pressurised")
+            self._wall.sleep(_LOOK_S)
 
     def _require_flow(self, frames: int, seconds: float) -> None:
         """Refuse a window of a stream that stalled: few samples are not a short measurement."""

@@ -18,7 +18,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
-from labctl.config.rig import Limits, RegulatorConfig, RigConfig, ValvesConfig
+from labctl.config.rig import RigConfig
 from labctl.errors import RigUnavailable
 from labctl.safety.reach import Reach
 
@@ -44,18 +44,7 @@ class GuardOrders:
     def from_json(cls, line: str) -> "GuardOrders":
         """The inverse of `to_json`."""
         data: dict[str, Any] = json.loads(line)
-        reach = data["reach"]
-        return cls(
-            Reach(
-                rig_name=reach["rig_name"],
-                speed=reach["speed"],
-                simulated=reach["simulated"],
-                regulator=RegulatorConfig(**reach["regulator"]),
-                valves=ValvesConfig(**reach["valves"]),
-                limits=Limits(**reach["limits"]),
-            ),
-            data["parent_pid"],
-        )
+        return cls(Reach.from_plain(data["reach"]), data["parent_pid"])
 
 
 class Guard(Protocol):

@@ -10,12 +10,16 @@ import os
 import select
 import signal
 import syslog
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import IO
 
 from labctl.clock import Scheduler, WallClock
+from labctl.holder.addresses import addresses_of
+from labctl.holder.interfaces import Holders
+from labctl.holder.system import SystemHolders
+from labctl.holder.this_holder import this_holder
 from labctl.links.wires import SYSTEM_WIRES, Wires
 from labctl.logs.files import logged_as_environment_says
 from labctl.nonblocking_output import NonBlockingOutput
@@ -29,6 +33,7 @@ TRY_AGAIN_S = 600.0
 
 _FIRST_PATIENCE_S = 5.0
 _PAUSE_S = 2.0
+_COMMAND = "the guard of a program that is gone"
 _REPORT_S = 1.0
 
 
@@ -36,12 +41,17 @@ def take_to_safe(
     reach: Reach,
     scheduler: Scheduler,
     wires: Wires,
+    holders: Holders,
     notify: Callable[[str], None],
     release_terminal: Callable[[], None],
 ) -> SafeReport:
-    """Take the rig to SAFE; a real one that does not read back is tried again, with the terminal let go."""
+    """Take the rig to SAFE; a real one that does not read back is tried again, with the terminal let go.
+
+    It is held meanwhile, so that whoever vents it at the same time comes before or after, and not between.
+    """
     end_s = scheduler.now_s() + TRY_AGAIN_S
-    report = open_and_make_safe(reach, scheduler, wires, patience_s=_FIRST_PATIENCE_S, notify=notify)
+    with _held(reach, holders, _FIRST_PATIENCE_S):
+        report = open_and_make_safe(reach, scheduler, wires, patience_s=_FIRST_PATIENCE_S, notify=notify)
     notify(report.describe())
     if report.safe or reach.simulated:
         return report
@@ -49,10 +59,26 @@ def take_to_safe(
     release_terminal()
     while not report.safe and scheduler.now_s() < end_s:
         scheduler.sleep(_PAUSE_S)
-        report = open_and_make_safe(reach, scheduler, wires, patience_s=0.0, notify=lambda _: None)
+        with _held(reach, holders, 0.0):
+            report = open_and_make_safe(reach, scheduler, wires, patience_s=0.0, notify=lambda _: None)
         if report.safe:
             notify(report.describe())
     return report
+
+
+@contextmanager
+def _held(reach: Reach, holders: Holders, patience_s: float) -> Iterator[None]:
+    """While inside the rig is held, where that can be: no folder and no lock may keep a guard from venting."""
+    holding = None
+    with suppress(Exception):
+        addresses = addresses_of(reach.regulator, reach.valves)
+        guard = this_holder("guard", reach.rig_name, "", simulated=reach.simulated, command=_COMMAND)
+        holding = holders.hold(guard, addresses, reach.to_plain(), None, patience_s)
+    try:
+        yield
+    finally:
+        if holding is not None:
+            holding.release()
 
 
 def main() -> int:
@@ -87,8 +113,9 @@ def main() -> int:
         os.write(1, ARMED)
     if not watch(partial(_receive, pipe), end_parent):
         return 0
+    holders = SystemHolders()
     with logged_as_environment_says(notify):
-        report = take_to_safe(orders.reach, WallClock(), SYSTEM_WIRES, notify, release_terminal)
+        report = take_to_safe(orders.reach, WallClock(), SYSTEM_WIRES, holders, notify, release_terminal)
     terminal.finish(_REPORT_S)
     return 0 if report.safe else 1
 

@@ -1,10 +1,10 @@
 """To SAFE on instruments that are not open yet: each is opened and commanded at once, whatever the other does."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from labctl.clock import Clock, Scheduler, rig_clock
 from labctl.config.rig import Limits, RegulatorConfig, RigConfig, ValvesConfig
@@ -16,6 +16,7 @@ from labctl.safety.safe_state import SafeReport, reach_and_make_safe
 # A regulator's first exchange includes its layout, which takes about a second at 19200 baud.
 _STEP_TIMEOUT_S = 2.0
 _REOPEN_PAUSE_S = 0.02
+_SILENT_S = 1.0
 
 T = TypeVar("T", PressureRegulator, ValveBank)
 
@@ -38,6 +39,22 @@ class Reach:
             config.name, config.speed, config.simulated, config.regulator, config.valves, config.limits
         )
 
+    def to_plain(self) -> dict[str, Any]:
+        """As plain JSON, for another process."""
+        return asdict(self)
+
+    @classmethod
+    def from_plain(cls, data: Mapping[str, Any]) -> "Reach":
+        """The inverse of `to_plain`."""
+        return cls(
+            rig_name=data["rig_name"],
+            speed=data["speed"],
+            simulated=data["simulated"],
+            regulator=RegulatorConfig(**data["regulator"]),
+            valves=ValvesConfig(**data["valves"]),
+            limits=Limits(**data["limits"]),
+        )
+
 
 def open_and_make_safe(
     reach: Reach,
@@ -52,7 +69,7 @@ def open_and_make_safe(
 
     An instrument whose opening fails with `patient_with` is tried again for `patience_s`: the ports of a program
     that has just died take a moment to be free, and a guard that is venting gives them back. `notify` gets why one
-    stayed away.
+    stays away, after a second and at the end.
     """
     opened: list[PressureRegulator | ValveBank] = []
 
@@ -86,7 +103,8 @@ def _open(
     patient_with: type[Exception],
     notify: Callable[[str], None],
 ) -> T | None:
-    end_s = wall.now_s() + patience_s
+    start_s = wall.now_s()
+    end_s, told = start_s + patience_s, False
     while True:
         try:
             return opener()
@@ -95,4 +113,7 @@ def _open(
             if wall.now_s() >= end_s or not isinstance(error, patient_with):
                 notify(str(error))
                 return None
+            if not told and wall.now_s() - start_s > _SILENT_S:
+                told = True
+                notify(f"{error}; trying again for {patience_s:g} s")
             wall.sleep(_REOPEN_PAUSE_S)

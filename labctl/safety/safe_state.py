@@ -1,4 +1,4 @@
-"""SAFE: setpoint 0, exhaust or dump open, every valve off, no pressure left: all of it read back.
+"""SAFE: setpoint 0, exhaust or dump open, every valve off, the gauge at zero: all of it read back.
 
 `make_safe` is the one way to SAFE; the protocols' teardown, the supervisor, the guard and `labctl vent` all
 call it. It never raises for an instrument's sake: what could not be done or read is in the report.
@@ -12,7 +12,8 @@ from typing import Generic, TypeVar
 from labctl.clock import Clock, Scheduler
 from labctl.config.rig import Limits
 from labctl.instruments.interfaces import PressureRegulator, ValveBank
-from labctl.instruments.readings import PressureReading, PressureSample
+from labctl.instruments.readings import PressureReading, PressureSample, in_band
+from labctl.safety.zero import wait_for_zero, zero_problem
 
 # Two decimals is what an Alicat frame carries; half of the last one is rounding, not a setpoint.
 SETPOINT_ZERO_PSI = 0.015
@@ -20,17 +21,16 @@ SETPOINT_ZERO_PSI = 0.015
 T = TypeVar("T")
 
 _TRIES = 3
-_POLL_S = 0.05
 _TICK_S = 0.1
-_CALM_S = 0.5
 
 
 @dataclass(frozen=True)
 class SafeReport:
     """What was read back after the commands to SAFE; None is what could not be read.
 
-    `vented_by` is "exhaust" or "dump" as read back. `problems` holds every reason why the rig is not SAFE;
-    it is empty exactly when `safe` is true.
+    `vented_by` is "exhaust" or "dump" as read back, `pressure_psi` the mean of half a second. `problems` holds every
+    reason why the rig is not SAFE; it is empty exactly when `safe` is true. `only_zero_is_off`: all that can be
+    commanded was read back, and the gauge alone, by less than a tare takes away, does not read 0.
     """
 
     pressure_psi: float | None
@@ -38,6 +38,7 @@ class SafeReport:
     vented_by: str | None
     channels_on: frozenset[int] | None
     problems: tuple[str, ...]
+    only_zero_is_off: bool = False
 
     @property
     def safe(self) -> bool:
@@ -46,11 +47,16 @@ class SafeReport:
 
     def describe(self) -> str:
         """One line for people, beginning with SAFE or UNSAFE."""
+        if self.only_zero_is_off:
+            return (
+                f"UNSAFE: setpoint 0, {self.vented_by} open and every valve off were read back, but "
+                f"{'; '.join(self.problems)}"
+            )
         if not self.safe:
             return f"UNSAFE: {'; '.join(self.problems)}. Close the supply, vent by hand, then run labctl vent"
         return (
             f"SAFE, as read back: setpoint {self.setpoint_psi:.2f} psi, {self.vented_by} open, "
-            f"pressure {self.pressure_psi:.2f} psi, every valve off"
+            f"pressure {self.pressure_psi:z.2f} psi, every valve off"
         )
 
 
@@ -109,7 +115,7 @@ def reach_and_make_safe(
         regulator_side.attempt("setpoint 0", lambda timeout_s: regulator.write_setpoint(0.0, timeout_s))
         if regulator.can_exhaust:
             regulator_side.attempt("exhaust", regulator.exhaust)
-        return _wait_for_calm(
+        return wait_for_zero(
             lambda: regulator_side.attempt(
                 "reading the pressure", partial(_read, regulator, clock, on_reading)
             ),
@@ -170,26 +176,6 @@ class _Aside(Generic[T]):
         return self._done
 
 
-def _wait_for_calm(
-    read: Callable[[], PressureReading | None], limits: Limits, clock: Clock
-) -> PressureReading | None:
-    """Read until there has been no pressure for a while: while gas flows out, the port reads below the sheet."""
-    end_s = clock.now_s() + limits.vent_timeout_s
-    calm_since_s: float | None = None
-    while True:
-        reading = read()
-        now_s = clock.now_s()
-        if reading is None or now_s >= end_s:
-            return reading
-        if reading.gauge_psi > limits.safe_pressure_psi:
-            calm_since_s = None
-        elif calm_since_s is None:
-            calm_since_s = now_s
-        elif now_s - calm_since_s >= _CALM_S:
-            return reading
-        clock.sleep(_POLL_S)
-
-
 class _Side:
     """One instrument's steps and what became of them."""
 
@@ -223,15 +209,6 @@ def judge(
     else:
         if abs(reading.setpoint_psi) > SETPOINT_ZERO_PSI:
             problems.append(f"the setpoint reads {reading.setpoint_psi:.2f} psi, not 0")
-        if reading.gauge_psi > limits.safe_pressure_psi:
-            problems.append(
-                f"the pressure reads {reading.gauge_psi:.2f} psi, above {limits.safe_pressure_psi:g} psi"
-            )
-        if reading.gauge_psi < limits.min_pressure_psi:
-            problems.append(
-                f"the pressure reads {reading.gauge_psi:.2f} psi, which cannot be true (below "
-                f"{limits.min_pressure_psi:g} psi)"
-            )
         if reading.faults:
             problems.append(
                 f"the regulator reports {' '.join(sorted(reading.faults))}: its reading is not to be trusted"
@@ -246,10 +223,26 @@ def judge(
         problems.append("the valves could not be read back")
     elif channels_on:
         problems.append(f"valve channels still on: {', '.join(map(str, sorted(channels_on)))}")
+    off_zero = None if reading is None else _off_zero(reading, limits, vented=vented_by is not None)
+    may_be_tared = reading is not None and abs(reading.gauge_psi) <= limits.tare_within_psi
+    only_zero_is_off = off_zero is not None and not problems and may_be_tared
     return SafeReport(
         pressure_psi=reading.gauge_psi if reading else None,
         setpoint_psi=reading.setpoint_psi if reading else None,
         vented_by=vented_by,
         channels_on=channels_on,
-        problems=tuple(problems),
+        problems=tuple(problems) if off_zero is None else (off_zero, *problems),
+        only_zero_is_off=only_zero_is_off,
     )
+
+
+def _off_zero(reading: PressureReading, limits: Limits, *, vented: bool) -> str | None:
+    """Why a pressure is not that of a vented sheet."""
+    if in_band(reading.gauge_psi, 0.0, limits.zero_within_psi):
+        return None
+    if vented and abs(reading.setpoint_psi) <= SETPOINT_ZERO_PSI:
+        return zero_problem(reading.gauge_psi, limits)
+    untrue = ""
+    if reading.gauge_psi < limits.min_pressure_psi:
+        untrue = f", which cannot be true (below {limits.min_pressure_psi:g} psi)"
+    return f"the pressure reads {reading.gauge_psi:.2f} psi{untrue}, not 0 +- {limits.zero_within_psi:g} psi"

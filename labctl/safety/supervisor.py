@@ -12,7 +12,7 @@ rig: a hang anywhere in between is the guard's to end.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 
@@ -24,6 +24,7 @@ from labctl.instruments.readings import PressureReading, PressureSample
 from labctl.safety.guard import Guard
 from labctl.safety.priority import Priority, stay_ordinary
 from labctl.safety.safe_state import SafeReport, make_safe
+from labctl.safety.still_gauge import StillGauge
 from labctl.safety.trip_rules import (
     Expected,
     Mode,
@@ -32,6 +33,7 @@ from labctl.safety.trip_rules import (
     regulator_reason,
     valves_reason,
 )
+from labctl.safety.witness import Witness
 
 POLL_PERIOD_S = 0.05
 REVENT_PERIOD_S = 2.0
@@ -52,7 +54,8 @@ class Supervisor:
     """Watches one rig. `late_s` holds how late the newest of its looks began, at most 13 minutes of them.
 
     `safe_report` is what was last read back on the way to SAFE; None before that, and from when anything is energised
-    until then. Its own time is the wall's whatever the rig's, because instruments answer in the wall's time.
+    until then; `channels_on` the valves as they were last read. Its own time is the wall's whatever the rig's,
+    because instruments answer in the wall's time.
 
     Args:
         regulator: the rig's regulator.
@@ -62,6 +65,7 @@ class Supervisor:
         scheduler: the wall's clock, and its threads.
         clock: the rig's clock, by which samples are stamped and a vent is timed.
         guard: the guard, which must live and is beaten here.
+        witnesses: who else may contradict a pressure reading.
         notify: receives one line of text for each warning and trip; must not wait for anybody.
         prioritise: asks for the priority of the thread that polls, and of those that it starts to vent.
     """
@@ -78,6 +82,7 @@ class Supervisor:
         guard: Guard,
         notify: Callable[[str], None],
         prioritise: Callable[[], Priority] = stay_ordinary,
+        witnesses: Sequence[Witness] = (),
     ) -> None:
         self._prioritise = prioritise
         self._regulator = regulator
@@ -88,12 +93,15 @@ class Supervisor:
         self._clock = clock
         self._guard = guard
         self._notify = notify
+        self._witnesses = tuple(witnesses)
+        self._still_gauge = StillGauge(limits, can_exhaust=regulator.can_exhaust)
         # Held while an instrument is written to, until `expect` has what must now be read: no poll falls between.
         self._bus: Lock = scheduler.lock()
         self._thread: Thread | None = None
         self._ending = scheduler.event()
         self.late_s: deque[float] = deque(maxlen=1 << 14)
         self.safe_report: SafeReport | None = None
+        self.channels_on: frozenset[int] | None = None
         self.trip_reason: str | None = None
         self._trip_report: SafeReport | None = None
         self._expected: Expected | None = None
@@ -166,6 +174,7 @@ class Supervisor:
             expected = replace(expected, setpoint_psi=setpoint_psi)
         if channels_on is not None:
             expected = replace(expected, channels_on=channels_on)
+            self.channels_on = channels_on
         self._set_expected(replace(expected, mode=mode or expected.mode))
 
     def make_safe(self) -> SafeReport:
@@ -187,6 +196,7 @@ class Supervisor:
                 self._armed = False
                 self._guard.safe()
             self.safe_report = report
+            self.channels_on = report.channels_on
         return report
 
     def reset(self) -> None:
@@ -262,7 +272,8 @@ class Supervisor:
             self._last_error = str(error)
             return None
         self._latest = Sample(reading, self._scheduler.now_s())
-        self._forward(PressureSample(reading, asked_s, self._clock.now_s()))
+        sample = PressureSample(reading, asked_s, self._clock.now_s())
+        self._forward(sample)
         reason = pressure_reason(reading, self._limits)
         if reason is not None:
             return reason
@@ -270,7 +281,17 @@ class Supervisor:
         expected = self._expected
         if expected is None:
             return None
-        return regulator_reason(reading, expected) or self._judge_lag(reading, expected)
+        return (
+            regulator_reason(reading, expected)
+            or self._still_gauge.judge(reading, expected, sample.came_s)
+            or self._judge_lag(reading, expected)
+            or self._hear_witnesses(sample, expected)
+        )
+
+    def _hear_witnesses(self, sample: PressureSample, expected: Expected) -> str | None:
+        """What contradicts the reading; each is heard, so that it has seen the whole inflation."""
+        reasons = [witness.judge(sample, expected) for witness in self._witnesses]
+        return next((reason for reason in reasons if reason is not None), None)
 
     def _poll_valves(self) -> str | None:
         expected = self._expected
@@ -284,6 +305,7 @@ class Supervisor:
                 return f"the valves could not be read for {unread_s:.2f} s (last error: {error})"
             return None
         self._valves_seen_s = self._scheduler.now_s()
+        self.channels_on = channels_on
         return valves_reason(channels_on, expected)
 
     def _judge_lag(self, reading: PressureReading, expected: Expected) -> str | None:

@@ -81,8 +81,24 @@ def attempt(trial: Trial, number: int, context: RunContext) -> Attempt:
         result=result,
         safe=_safe(context.rig),
     )
+    _record_moved_zero(context, record)
     context.ledger.add_trial(record)
     return Attempt(record, error)
+
+
+def _record_moved_zero(context: RunContext, record: TrialRecord) -> None:
+    """The gauge was at zero before the trial and is not after it: what it read in between cannot be trusted."""
+    report = context.rig.safe_report
+    if report is None or not report.only_zero_is_off:
+        return
+    detail = {
+        "number": record.number,
+        "attempt": record.attempt,
+        "reads_psi": report.pressure_psi,
+        "read_at_opening_psi": context.rig.zero_psi,
+        "limit_psi": context.rig.config.limits.zero_within_psi,
+    }
+    write_event(context.ledger, context.run.number, "zero-moved", detail)
 
 
 def _perform(

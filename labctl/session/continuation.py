@@ -18,9 +18,12 @@ from labctl.session.prepare import PreparedRun
 from labctl.session.provenance import commit, versions
 
 # What may differ between the rig that a run was started on and the one it is continued on: how it is reached, how
-# fast a simulated one runs.
+# fast a simulated one runs, what guards it without any part in the numbers.
 _MAY_DIFFER = frozenset(
-    {"source", "speed", "port", "baudrate", "host", "tcp_port", "server_number", "timeout_s"}
+    {
+        *("source", "speed", "port", "baudrate", "host", "tcp_port", "server_number", "timeout_s"),
+        *("gauge", "tare_within_psi", "gauge_agreement_psi"),
+    }
 )
 _MOST_NAMED = 6
 

@@ -34,15 +34,16 @@ class RunFailed(LabError):
 class RunObserver:
     """The callbacks that report a run.
 
-    `trial_committed` gets each attempt once it is in the ledger, `show_step` the present step and its progress,
-    `notify` one line of text for a person. `mount_sheet` returns when the sheet that it is given lies on the rig; it
-    waits by the rig's `wait`, which sees a stop.
+    `trial_begun` gets each trial before its first attempt, `trial_committed` each attempt once it is in the ledger,
+    `show_step` the present step and its progress, `notify` one line of text for a person. `mount_sheet` returns when
+    the sheet that it is given lies on the rig; it waits by the rig's `wait`, which sees a stop.
     """
 
     trial_committed: Callable[[TrialRecord], None]
     show_step: Callable[[str, str], None]
     notify: Callable[[str], None]
     mount_sheet: Callable[[str, Rig], None]
+    trial_begun: Callable[[Trial], None] = lambda _: None
 
 
 def conduct(
@@ -100,6 +101,7 @@ def _run_trials(trials: Sequence[Trial], attempts: int, context: RunContext, obs
     for trial in trials:
         if trial.number in done:
             continue
+        observer.trial_begun(trial)
         _pause_if_requested(context, observer)
         if trial.sheet and trial.sheet != mounted:
             observer.mount_sheet(trial.sheet, context.rig)

@@ -141,8 +141,8 @@ def test_over_pressure_is_vented_by_the_supervisor(lab_with):
 
     assert done.code == 1
     assert "over-pressure" in done.err
-    # The gauge, with its noise, read 4.3.
-    assert 4.28 < lab.plant.highest_psi < 4.6
+    # The reading trips, which is off by its noise and by half of its last digit.
+    assert 4.3 - 0.02 < lab.plant.highest_psi < 4.6
     assert not lab.last()["coils"]
     assert lab.last()["setpoint_psi"] == 0
 

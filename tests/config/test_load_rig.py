@@ -66,6 +66,15 @@ def test_every_limit_is_read_from_its_own_key(rig_file):
         "vent_timeout": 15.0,
         "follow_within": 1.5,
         "follow_timeout": 6.0,
+        "rest_within": 0.05,
+        "still_after": 1.5,
+        "sheet_response": 4.0,
+        "sheet_creep": 0.1,
+        "unseen_after": 1.75,
+        "tare_within": 0.4,
+        "gauge_agreement": 0.3,
+        "warn_lateness": 0.03,
+        "max_lateness": 0.3,
     }
     path = rig_file()
     path.write_text(head + "[limits]\n" + "\n".join(f"{key} = {value}" for key, value in values.items()))
@@ -338,3 +347,42 @@ def test_an_exchange_may_not_keep_the_supervisor_waiting_for_long(rig_file):
     problem = mistake(path)
     assert problem.key == "regulator.timeout"
     assert "at most 1 s" in problem.message
+
+
+GAUGE = """
+[gauge]
+driver = "alicat-modbus"
+port = "/dev/ttyUSB2"
+pressure_unit = "kPa"
+"""
+
+
+def test_a_second_gauge_is_read_from_its_own_table(rig_file):
+    path = rig_file()
+    assert load_rig(path).gauge is None
+
+    path.write_text(path.read_text() + GAUGE)
+
+    gauge = load_rig(path).gauge
+    assert (gauge.name, gauge.driver, gauge.port) == ("second gauge", "alicat-modbus", "/dev/ttyUSB2")
+    assert (gauge.pressure_unit, gauge.device_id, gauge.baudrate) == ("kPa", 1, 19200)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "key", "words"),
+    [
+        ('port = "/dev/ttyUSB2"\n', "", "gauge.port", "is missing"),
+        ("/dev/ttyUSB2", "/dev/ttyUSB0", "gauge.port", "is the port of regulator.port"),
+        ("/dev/ttyUSB2", "/dev/ttyUSB1", "gauge.port", "is the port of valves.port"),
+        ('"alicat-modbus"', '"thumb"', "gauge.driver", "alicat-ascii"),
+        ('"kPa"', '"kPa"\nmodel = "PC"', "gauge.model", "unknown"),
+    ],
+)
+def test_mistakes_in_a_second_gauge_are_named(rig_file, before, after, key, words):
+    path = rig_file()
+    path.write_text(path.read_text() + GAUGE.replace(before, after))
+
+    problem = mistake(path)
+
+    assert problem.key == key
+    assert words in problem.message

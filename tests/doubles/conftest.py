@@ -10,7 +10,8 @@ import pytest
 
 from labctl.config.design import Design, Fiber, SheetSpec
 from labctl.doubles.device_end import Line
-from labctl.doubles.faults import FaultPanel, LineFaults, parse_faults
+from labctl.doubles.faults import FaultPanel, parse_faults
+from labctl.doubles.line_faults import LineFaults
 from labctl.doubles.markers import DEFAULT_POINTS
 from labctl.doubles.plant import Plant, PlantSettings
 from labctl.doubles.sheet import Ladder

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from labctl.doubles.faults import Fault, FaultPanel, Faults, LineFaults, parse_faults
+from labctl.doubles.faults import Fault, FaultPanel, Faults, parse_faults
+from labctl.doubles.line_faults import LineFaults
 from labctl.errors import BadInput
 
 
@@ -14,6 +15,13 @@ def test_words_become_faults_of_their_instrument():
     )
     assert parse_faults(["valves=silent@3.5psi"]).valves == (Fault("silent", from_psi=3.5),)
     assert parse_faults(["regulator=dies-after:3@1.5"]).regulator == (Fault("dies-after", 3.0, 1.5),)
+
+
+def test_a_gauge_may_be_off_in_either_direction():
+    words = ["regulator=offset:-0.3@3psi", "regulator=drift:0.02", "gauge=gain:1.1"]
+    assert parse_faults(words) == Faults(
+        regulator=(Fault("offset", -0.3, from_psi=3.0), Fault("drift", 0.02)), gauge=(Fault("gain", 1.1),)
+    )
 
 
 @pytest.mark.parametrize(
@@ -29,6 +37,9 @@ def test_words_become_faults_of_their_instrument():
         ("markers=late:nan", "seconds is 'nan'"),
         ("regulator=dies-after:2.5", "count is '2.5'; it must be a whole number"),
         ("valves=stuck-coil:0", "at least 1"),
+        ("regulator=offset:much", "offset is 'much'; it must be a number$"),
+        ("regulator=gain:-1", "factor is '-1'; it must be a number of at least 0.1"),
+        ("valves=offset:0.1", "valves has no fault 'offset'"),
         ("valves=silent@later", "seconds is 'later'"),
         ("valves=silent@highpsi", "psi is 'high'"),
     ],

@@ -11,7 +11,8 @@ from phasespace_fuzz import fuzz_double
 from phasespace_fuzz import packet as fuzzed_packet
 
 from labctl.doubles import phasespace
-from labctl.doubles.faults import FaultPanel, LineFaults, parse_faults
+from labctl.doubles.faults import FaultPanel, parse_faults
+from labctl.doubles.line_faults import LineFaults
 from labctl.doubles.markers import DEFAULT_POINTS, LabFrame, MarkerSettings
 from labctl.doubles.phasespace import PhaseSpaceDevice
 from labctl.doubles.phasespace_packets import Packet, TooLargeError, checksum, take_packet
@@ -466,8 +467,8 @@ def test_the_answer_to_initialize_on_one_id_only(server_of, client_of, word):
     ("word", "kinds"),
     [
         ("interleaved", [0x84, 0x81, 1, 0x82, 0x80]),
-        ("filter-frames", [0x84, 0x80, 0x84, 0x80]),
-        ("split", [0x84, 0x80]),
+        ("filter-frames", [0x84, 0x84, 0x80, 0x80]),
+        ("split:0.01", [0x84, 0x80]),
     ],
 )
 def test_frames_as_other_servers_send_them(server_of, client_of, clock, word, kinds):

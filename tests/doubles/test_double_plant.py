@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from labctl.doubles.chamber import ChamberSettings, Mode
+from labctl.doubles.faults import FaultPanel, parse_faults
 from labctl.doubles.plant import PlantSettings
+from labctl.doubles.second_gauge import SecondGauge
 from labctl.doubles.sheet import Relaxation
 
 
@@ -101,6 +103,48 @@ def test_tare_under_pressure_shifts_what_the_regulator_believes(plant_of, clock)
     assert state.pressure_psi == pytest.approx(2.0, abs=0.02)
 
 
+@pytest.mark.parametrize(
+    ("word", "true_psi", "rest_psi"),
+    [("offset:0.4", 1.6, 0.4), ("offset:-0.4", 2.4, -0.4), ("gain:0.8", 2.5, 0.0), ("drift:-0.1", 3.0, -1.0)],
+)
+def test_a_gauge_that_is_off_reads_its_setpoint_at_another_pressure(
+    plant_of, clock, word, true_psi, rest_psi
+):
+    plant = plant_of(faults=[f"regulator={word}"])
+    plant.write_setpoint(2.0)
+    clock.sleep(10)
+    assert plant.state().pressure_psi == pytest.approx(true_psi, abs=0.1)
+    assert plant.state().measured_psi == pytest.approx(2.0, abs=0.1)
+
+    plant.switch_mode(Mode.EXHAUST)
+    clock.sleep(2)
+
+    drifted_psi = -0.2 if word.startswith("drift") else 0.0
+    assert plant.state().measured_psi == pytest.approx(rest_psi + drifted_psi, abs=0.05)
+    plant.tare()
+    clock.sleep(0.1)
+    assert plant.state().measured_psi == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_second_gauge_shows_the_truth_with_its_own_faults_and_moves_nothing(plant_of, clock):
+    plant = plant_of()
+    faults = parse_faults(["gauge=offset:0.2@1psi", "gauge=gain:0.5@1psi"]).gauge
+    panel = FaultPanel(clock, faults)
+    panel.follow(lambda: plant.highest_psi)
+    gauge = SecondGauge(plant, panel, clock, np.random.default_rng(0))
+    assert gauge.state().measured_psi == pytest.approx(0.0, abs=0.03)
+    plant.write_setpoint(3.0)
+    clock.sleep(6)
+
+    gauge.write_setpoint(1.0)
+    gauge.switch_mode(Mode.EXHAUST)
+    clock.sleep(3)
+
+    assert gauge.writes == 2
+    assert plant.state().pressure_psi == pytest.approx(3.0, abs=0.03)
+    assert gauge.state().measured_psi == pytest.approx(1.7, abs=0.05)
+
+
 def test_overpressure_climbs_past_the_setpoint_and_the_exhaust_still_vents(plant_of, clock):
     plant = plant_of(faults=["regulator=overpressure@6"])
     plant.write_setpoint(3.9)
@@ -189,3 +233,15 @@ def test_thread_keeps_the_plant_going_while_nobody_asks(design, shapes, panel, t
     plant.close()
     assert np.diff([state.time_s for state in seen]) == pytest.approx(0.05)
     assert len(seen) >= 21
+
+
+def test_a_power_cut_leaves_a_regulator_in_control_at_zero_and_every_relay_off(plant_of, clock):
+    plant = plant_of()
+    plant.write_setpoint(2.0)
+    plant.switch_mode(Mode.EXHAUST)
+    plant.write_coils({4: True})
+    plant.reset_regulator()
+    plant.reset_relays()
+    clock.sleep(0.1)
+    state = plant.state()
+    assert (state.setpoint_psi, state.mode, state.coils) == (0.0, Mode.CONTROL, frozenset())

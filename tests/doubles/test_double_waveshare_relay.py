@@ -3,7 +3,8 @@ import socket
 import numpy as np
 import pytest
 
-from labctl.doubles.faults import FaultPanel, LineFaults, parse_faults
+from labctl.doubles.faults import FaultPanel, parse_faults
+from labctl.doubles.line_faults import LineFaults
 from labctl.doubles.modbus_frames import open_rtu_frame, rtu_frame
 from labctl.doubles.modbus_lines import RtuLine, TcpLine
 from labctl.doubles.plant import PlantSettings

@@ -19,15 +19,21 @@ class ScriptedLines:
     def __init__(self, *exchanges):
         self.clock = WallClock()
         self.suspect = False
-        self.probe = None
+        self.noticed = ()
+        self.probes = ()
+        self.stream = None
+        self.ended_stream = False
         self.closed = 0
         self.left = list(exchanges)
 
     def mark_suspect(self):
         self.suspect = True
 
-    def resync_by(self, request, accepts):
-        self.probe = (request, accepts)
+    def resync_by(self, probes):
+        self.probes = tuple(probes)
+
+    def expect_stream(self, stream):
+        self.stream = stream
 
     def exchange_line(self, request, deadline):
         reply = self._next(request)
@@ -60,6 +66,8 @@ class ScriptedFrames:
 
     name = "device on a script"
     overhead_bytes = 3
+    strays = b""
+    is_serial = False
 
     def __init__(self, *exchanges):
         self.framer = FramerRTU(DecodePDU(False))
@@ -80,6 +88,9 @@ class ScriptedFrames:
 
     def has_input(self):
         return False
+
+    def begin(self, deadline):
+        return True
 
     def next_transaction(self):
         return 0

@@ -35,6 +35,8 @@ MAKER = (
 )
 VERSION = (b"AVE\r", b"A   10v20.0-R24 Jan  9 2025,15:04:07")
 SOURCE = (b"ALSS\r", b"A S")
+RAMP = (b"ASR\r", b"A 0.00 10 4 PSIG/s")
+IDENTITY = (TABLE, MAKER, VERSION, SOURCE, RAMP)
 POLL = (b"A\r", b"A +003.90 +003.90")
 
 
@@ -51,23 +53,96 @@ def regulator(link, **changes):
 
 
 def test_identify(lines):
-    link = lines(TABLE, MAKER, VERSION, SOURCE, POLL)
+    link = lines(*IDENTITY, POLL)
     assert regulator(link).identify() == Identity(
         model="PCD-15PSIG-D",
         serial_number="123456",
         firmware="10v20.0-R24",
         setpoint_source="serial",
     )
-    request, accepts = link.probe
-    assert request == b"AVE\r"
-    assert accepts(VERSION[1])
-    assert not accepts(POLL[1])
+    assert [probe.request for probe in link.probes] == [b"AVE\r", b"A??M*\r", b"A??D*\r"]
+
+
+ANSWERS = {b"AVE\r": VERSION[1], b"A??M*\r": MAKER[1][1], b"A??D*\r": TABLE[1][2]}
+
+
+@pytest.mark.parametrize("request_bytes", ANSWERS)
+def test_what_resynchronises_is_known_from_every_other_line(lines, request_bytes):
+    link = lines(*IDENTITY, POLL)
+    regulator(link).identify()
+    probe = next(probe for probe in link.probes if probe.request == request_bytes)
+    others = [line for question, line in ANSWERS.items() if question != request_bytes]
+    assert probe.accepts(ANSWERS[request_bytes])
+    for line in [
+        *others,
+        POLL[1],
+        b"A +003.90 +003.90 EXH",
+        SOURCE[1],
+        RAMP[1],
+        b"?",
+        b"A ?",
+        b"",
+        b"B" + POLL[1],
+    ]:
+        assert not probe.accepts(line)
 
 
 def test_old_firmware_reports_less_and_nothing_is_guessed(lines):
-    link = lines(TABLE, (b"A??M*\r", b"?"), (b"AVE\r", None), (b"ALSS\r", b"A ?"), POLL)
+    link = lines(TABLE, (b"A??M*\r", b"?"), (b"AVE\r", None), (b"AFPF 6\r", None), POLL)
     assert regulator(link).identify() == Identity(model="Alicat pressure controller")
-    assert link.probe is None
+    assert [probe.request for probe in link.probes] == [b"A??D*\r"]
+
+
+def test_a_silent_version_is_replaced_by_the_full_scale(lines):
+    maker = (MAKER[0], [*MAKER[1][:-1], b"A M09 Software Revision 8v17.0-R23"])
+    full_scale = (b"AFPF 6\r", b"A +015.00 10 PSIG")
+    link = lines(TABLE, maker, (b"AVE\r", None), full_scale, RAMP, POLL)
+    assert regulator(link).identify().firmware == "8v17.0-R23"
+    probe = link.probes[0]
+    assert probe.request == b"AFPF 6\r"
+    assert probe.accepts(full_scale[1])
+    for line in [*ANSWERS.values(), POLL[1], b"A +003.90 +003.90 EXH", b"A +015.00 10 EXH", b"A +0 1 ---"]:
+        assert not probe.accepts(line)
+
+
+def revision(firmware):
+    return (MAKER[0], [*MAKER[1][:-1], b"A M09 Software Revision " + firmware])
+
+
+@pytest.mark.parametrize(
+    ("firmware", "asked"),
+    [
+        (b"5v12.0-R22", []),
+        (b"7v09.0-R22", []),
+        (b"7v11.0-R22", [RAMP]),
+        (b"8v30.0-R23", [RAMP]),
+        (b"10v04.0-R24", [RAMP]),
+        (b"10v05.0-R24", [SOURCE, RAMP]),
+        (b"GP07R100", []),
+    ],
+)
+def test_nothing_is_asked_that_a_firmware_would_obey(lines, firmware, asked):
+    version = (b"AVE\r", b"A   " + firmware + b" Nov 30 2016,16:04:20")
+    identity = regulator(lines(TABLE, revision(firmware), version, *asked, POLL)).identify()
+    assert identity.firmware == firmware.decode()
+    assert identity.setpoint_source == ("serial" if SOURCE in asked else None)
+
+
+@pytest.mark.parametrize("reply", [POLL[1], b"A 1 ---", b"A   Feature Not Enabled", b"?", None])
+def test_what_does_not_name_a_source_is_an_unknown_source(lines, reply):
+    link = lines(TABLE, MAKER, VERSION, (b"ALSS\r", reply), RAMP, POLL)
+    assert regulator(link).identify().setpoint_source is None
+
+
+def test_an_own_ramp_is_noted(lines):
+    link = lines(TABLE, MAKER, VERSION, SOURCE, (b"ASR\r", b"A 0.50 10 4 PSIG/s"), POLL)
+    assert "ramps its own setpoint by 0.5 PSIG/s" in regulator(link).identify().notes[0]
+
+
+def test_an_ended_stream_is_noted(lines):
+    link = lines(*IDENTITY, POLL)
+    link.ended_stream = True
+    assert "was streaming" in regulator(link).identify().notes[0]
 
 
 def test_the_table_is_read_once(lines):
@@ -103,17 +178,66 @@ def test_a_setpoint_in_kilopascal(lines):
     assert device.write_setpoint(3.9).setpoint_psi == pytest.approx(3.9, abs=1e-3)
 
 
-def test_a_setpoint_that_is_not_taken_points_to_its_source(lines):
-    ignored = b"A +000.00 +000.00"
-    device = regulator(lines(TABLE, (b"AS3.90\r", ignored), (b"A\r", ignored), (b"A\r", ignored)))
-    with pytest.raises(ReadBackMismatch, match=r"3.9 psi was written, 0 psi was read back.*setpoint source"):
+def test_a_setpoint_that_is_not_taken_names_what_is_possible(lines):
+    ignored = [(b"A\r", b"A +000.00 +000.00")] * 4
+    device = regulator(lines(TABLE, (b"AS3.90\r", ignored[0][1]), *ignored))
+    with pytest.raises(
+        ReadBackMismatch, match=r"3.9 psi was written, 0 psi was read back; possible"
+    ) as caught:
         device.write_setpoint(3.9)
+    assert "setpoint source is not serial" in str(caught.value)
+    assert "a ramp of its own" in str(caught.value)
+
+
+def test_a_source_that_is_serial_is_not_blamed(lines):
+    ignored = (b"A\r", b"A +000.00 +000.00")
+    link = lines(*IDENTITY, ignored, (b"AS3.90\r", ignored[1]), *[ignored] * 4, SOURCE, RAMP)
+    device = regulator(link)
+    device.identify()
+    with pytest.raises(ReadBackMismatch, match="it refuses the value: look for a setpoint limit") as caught:
+        device.write_setpoint(3.9)
+    assert "source" not in str(caught.value)
+    assert "ramp" not in str(caught.value)
+
+
+def test_a_source_that_has_become_analog_is_named(lines):
+    ignored = (b"A\r", b"A +000.00 +000.00")
+    link = lines(*IDENTITY, ignored, (b"AS3.90\r", ignored[1]), *[ignored] * 4, (b"ALSS\r", b"A A"), RAMP)
+    device = regulator(link)
+    device.identify()
+    with pytest.raises(ReadBackMismatch, match="its setpoint source is analog"):
+        device.write_setpoint(3.9)
+
+
+def test_a_setpoint_that_the_device_ramps_in_time_is_waited_for(lines):
+    rising = [(b"A\r", b"A +000.00 +%06.2f" % psi) for psi in (1.0, 2.0, 3.0, 3.9)]
+    device = regulator(lines(TABLE, (b"AS3.90\r", b"A +000.00 +000.50"), *rising))
+    assert device.write_setpoint(3.9).setpoint_psi == 3.9
+
+
+def test_a_setpoint_that_creeps_is_the_devices_own_ramp(lines):
+    reads = [(b"A\r", b"A +000.00 +%06.2f" % psi) for psi in (0.01, 0.02, 0.04, 0.06, 0.06, 0.06)]
+    ramp = (b"ASR\r", b"A 0.40 10 4 PSIG/s")
+    link = lines(*IDENTITY, POLL, (b"AS3.90\r", reads[0][1]), *reads, SOURCE, ramp)
+    device = regulator(link)
+    device.identify()
+    with pytest.raises(
+        ReadBackMismatch, match=r"the device ramps its own setpoint \(SR: 0.4 PSIG/s\).*SR 0 4"
+    ):
+        device.write_setpoint(3.9)
+
+
+def test_a_vent_does_not_wait_for_the_devices_own_ramp(lines):
+    falling = [(b"A\r", b"A +003.90 +%06.2f" % psi) for psi in (3.8, 3.7)]
+    device = regulator(lines(TABLE, (b"AS0.00\r", b"A +003.90 +003.90"), *falling))
+    with pytest.raises(ReadBackMismatch):
+        device.write_setpoint(0.0)
 
 
 def test_half_a_last_decimal_is_agreement_and_one_is_not(lines):
     off = b"A +000.00 +003.91"
-    device = regulator(lines(TABLE, (b"AS3.90\r", off), (b"A\r", off), (b"A\r", off)))
-    with pytest.raises(ReadBackMismatch):
+    device = regulator(lines(TABLE, (b"AS3.90\r", off), *[(b"A\r", off)] * 4))
+    with pytest.raises(ReadBackMismatch, match="fewer decimals"):
         device.write_setpoint(3.9)
 
 
@@ -184,19 +308,14 @@ def test_a_hold_that_stays_is_reported(lines):
         device.cancel_hold()
 
 
-@pytest.mark.parametrize(("reply", "source"), [(b"A S", "serial"), (b"A U", "serial"), (b"A A", "analog")])
-def test_setpoint_source(lines, reply, source):
-    assert regulator(lines((b"ALSS\r", reply))).setpoint_source() == source
-
-
-@pytest.mark.parametrize("reply", [b"?", None])
-def test_firmware_that_does_not_report_its_source(lines, reply):
-    assert regulator(lines((b"ALSS\r", reply), TABLE, POLL)).setpoint_source() is None
+def test_an_unsaved_serial_source_is_serial(lines):
+    link = lines(TABLE, MAKER, VERSION, (b"ALSS\r", b"A U"), RAMP, POLL)
+    assert regulator(link).identify().setpoint_source == "serial"
 
 
 def test_a_dead_line_is_not_old_firmware(lines):
     with pytest.raises(NoAnswer):
-        regulator(lines((b"ALSS\r", None), (b"A??D*\r", None))).setpoint_source()
+        regulator(lines((b"A??D*\r", None), (b"A??D*\r", None))).identify()
 
 
 @pytest.mark.parametrize(
@@ -228,3 +347,28 @@ def test_a_torn_table_leaves_nothing_bound(lines):
 def test_a_unit_id_is_one_letter(lines, unit_id):
     with pytest.raises(BadInput, match="one letter"):
         regulator(lines(), unit_id=unit_id)
+
+
+def test_tare_is_a_command_and_a_reading_from_after_it(lines):
+    device = regulator(lines(TABLE, (b"AP\r", b"A +000.40 +000.00 EXH"), (b"A\r", b"A +000.00 +000.00 EXH")))
+    assert device.tare().gauge_psi == 0
+
+
+@pytest.mark.parametrize("reply", [b"?", None])
+def test_a_device_that_does_not_know_p_is_tared_by_tp(lines, reply):
+    tared = b"A +000.00 +000.00 EXH"
+    device = regulator(lines(TABLE, (b"AP\r", reply), (b"ATP\r", tared), (b"A\r", tared)))
+    assert device.tare().gauge_psi == 0
+
+
+def test_a_device_that_knows_neither_says_so(lines):
+    with pytest.raises(InstrumentRefused, match="does not know 'ATP'"):
+        regulator(lines(TABLE, (b"AP\r", b"?"), (b"ATP\r", b"?"))).tare()
+
+
+def test_hold_closed_is_read_back(lines):
+    held = b"A +003.90 +003.90 HLD"
+    assert regulator(lines(TABLE, (b"AHC\r", held))).hold_closed().holding
+
+    with pytest.raises(ReadBackMismatch, match="HLD was not read back"):
+        regulator(lines(TABLE, (b"AHC\r", POLL[1]), POLL, POLL)).hold_closed()

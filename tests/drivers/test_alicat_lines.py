@@ -4,10 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from labctl.drivers.alicat_firmware import find_firmware
+from labctl.drivers.alicat_layout import parse_layout
 from labctl.drivers.alicat_lines import (
     is_version_line,
     parse_frame,
-    parse_layout,
     request_line,
     setpoint_command,
 )
@@ -129,6 +130,125 @@ def test_a_data_frame_in_another_unit():
 def test_what_is_no_data_frame_is_no_reading(line):
     with pytest.raises(GarbledReply, match=r"ask again"):
         parse_frame("regulator A", line, layout(), "psi")
+
+
+# Setpoint columns of captured firmwares: the row, a frame, what it says; and frames that are none of theirs.
+UNSIGNED_61 = SETPOINT.replace("s decimal     7/2", "decimal       6/1")
+UNSIGNED_62 = SETPOINT.replace("s decimal     7/2", "decimal       6/2")
+WHOLE = [PRESSURE.replace("s decimal     7/2", "decimal       3/1"), SETPOINT.replace("     7/2", "     2/0")]
+OLDER = [
+    "A  D00 NAME_______ TYPE_____ MinVal_  MaxVal_  UNITS__",
+    "A  D01 Unit ID     char         A         Z         na",
+    "A  D02 Pressure    signed    +000.00  +015.00     PSIG",
+    "A  D03 SetPoint    signed    +0000.0  +0015.0     PSIG",
+    "A  D04 Gas         string        Air       D2       na",
+    "A  D05 Error       string         na      ADC       na",
+    "A  D06 Status      string         na      LCK       na",
+]
+
+
+@pytest.mark.parametrize(
+    ("table", "line", "gauge_psi", "setpoint_psi"),
+    [
+        ([HEADING, UNIT, PRESSURE, UNSIGNED_61], "A +003.85 0003.9", 3.85, 3.9),
+        ([HEADING, UNIT, PRESSURE, UNSIGNED_62], "A -000.02 003.90 HLD", -0.02, 3.9),
+        (TABLE, "A+003.85 +003.90", 3.85, 3.9),
+        ([HEADING, UNIT, *WHOLE], "A3.6 +0", 3.6, 0.0),
+        (OLDER, "A +003.85 0003.9      N2", 3.85, 3.9),
+        (OLDER, "A +003.85 +0003.9     N2 LCK", 3.85, 3.9),
+        ([line + "\b\b" for line in OLDER], "A +003.85 0003.9      N2", 3.85, 3.9),
+    ],
+)
+def test_what_the_table_says_can_be_read_is_read(table, line, gauge_psi, setpoint_psi):
+    frame = parse_frame("regulator A", line, layout(table), "psi")
+    assert (frame.gauge_psi, frame.setpoint_psi) == (gauge_psi, setpoint_psi)
+
+
+@pytest.mark.parametrize(
+    ("table", "line"),
+    [
+        ([HEADING, UNIT, PRESSURE, UNSIGNED_61], "A +003.85 +003.9"),
+        ([HEADING, UNIT, PRESSURE, UNSIGNED_61], "A +003.85 003.90"),
+        ([HEADING, UNIT, PRESSURE, UNSIGNED_62], "A 003.85 003.90"),
+        (TABLE, "A3.6 +0"),
+        (TABLE, "A +003.90 -------"),
+        (OLDER, "A 003.85 0003.9      N2"),
+        (OLDER, "A +003.85 003.9      N2"),
+    ],
+)
+def test_what_differs_from_the_devices_own_table_is_no_reading(table, line):
+    with pytest.raises(GarbledReply, match="as the device's own table says"):
+        parse_frame("regulator A", line, layout(table), "psi")
+
+
+def test_only_a_table_of_gp_firmware_moves_the_cursor_back():
+    assert layout([line + "\b" for line in OLDER]).is_gp
+    assert not layout(OLDER).is_gp
+
+
+@pytest.mark.parametrize(
+    ("word", "is_status"), [("P2O", True), ("GTA", True), ("390", False), ("p2o", False)]
+)
+def test_a_status_word_is_three_capitals_or_digits_and_not_a_number(word, is_status):
+    line = f"A +003.90 +003.90 {word}"
+    if is_status:
+        assert parse_frame("regulator A", line, layout(), "psi").status == {word}
+    else:
+        with pytest.raises(GarbledReply, match="not a data frame"):
+            parse_frame("regulator A", line, layout(), "psi")
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ([line.replace("PSIG", "PSIA") for line in OLDER], "in PSIA, which does not say gauge"),
+        ([*OLDER[:3], OLDER[3].replace("PSIG", "SCCM"), *OLDER[4:]], "controls in SCCM and measures in PSIG"),
+        (OLDER[:3], "no controller"),
+        ([HEADING, UNIT, PRESSURE], "no setpoint of it .*no controller"),
+    ],
+)
+def test_what_cannot_be_controlled_is_named_as_what_it_is(table, words):
+    with pytest.raises(InstrumentRefused, match=words):
+        layout(table)
+
+
+def test_lines_before_the_table_are_left_out():
+    assert layout(["A +003.90 +003.90", "?", *TABLE]) == layout()
+
+
+@pytest.mark.parametrize(
+    ("text", "number", "asks_source", "asks_ramp"),
+    [
+        ("A M09 Software Revision 10v20.0-R24", (10, 20), True, True),
+        ("A   10v05.0-R24 Mar  7 2023", (10, 5), True, True),
+        ("A   10v04.0-R24", (10, 4), False, True),
+        ("A   7v11.0-R22", (7, 11), False, True),
+        ("A   7v09.0-R22", (7, 9), False, False),
+        ("A  M8 Software GP07R100", None, False, False),
+    ],
+)
+def test_what_a_firmware_may_be_asked(text, number, asks_source, asks_ramp):
+    firmware = find_firmware(text)
+    assert firmware is not None
+    assert firmware.number == number
+    assert (firmware.tells_setpoint_source, firmware.tells_own_ramp) == (asks_source, asks_ramp)
+    assert firmware.is_gp == (number is None)
+
+
+@pytest.mark.parametrize("text", ["", "A +003.90 +003.90", "A S", "?"])
+def test_what_names_no_firmware_is_none(text):
+    assert find_firmware(text) is None
+
+
+@pytest.mark.parametrize("command", ["$$16000", "$$S4", "$$S 4", "$$", "$$ S3.9", "$$3.9"])
+def test_the_prefix_of_gp_firmware_opens_no_way_to_a_setpoint_in_counts(command):
+    with pytest.raises(ValueError, match="is not a command"):
+        request_line("A", command)
+
+
+def test_commands_of_gp_firmware():
+    assert request_line("A", "$$S3.90") == b"A$$S3.90\r"
+    assert request_line("A", "$$E") == b"A$$E\r"
 
 
 @pytest.mark.parametrize(

@@ -214,9 +214,9 @@ def test_no_setpoint_leaves_where_the_order_is_another(registers, at_rest, order
 
 def test_the_order_is_read_for_until_one_is_left(registers):
     """Zeros tell nothing; 0.5 is 2e-41 with its words exchanged; EXH is a bit of no other order."""
-    device = regulator(registers((READ, reading(AT_0, AT_0, AT_0)), PROVES))
+    device = regulator(registers((READ, reading(AT_0, AT_0, AT_0)), PROVES, PROVES))
     assert "words high-first" in device.identify().notes[1]
-    exhausting = regulator(registers((READ, reading("00 00 04 00", AT_0, AT_0)), PROVES))
+    exhausting = regulator(registers((READ, reading("00 00 04 00", AT_0, AT_0)), PROVES, PROVES))
     assert exhausting.read().exhausting
     assert "words high-first" in exhausting.identify().notes[1]
 
@@ -239,7 +239,7 @@ def test_no_byte_leaves_while_the_unit_is_not_proven_but_for_setpoint_0(register
 
 @pytest.mark.parametrize(("proof", "said"), [(None, "not proven"), ("by hand", "proven: by hand")])
 def test_identify_notes_what_the_registers_do_not_hold(registers, proof, said):
-    identity = regulator(registers(PROVES), unit_proof=proof).identify()
+    identity = regulator(registers(PROVES, PROVES), unit_proof=proof).identify()
     assert identity.serial_number is None
     assert "neither model nor unit" in identity.notes[0]
     assert identity.notes[0].endswith(said)
@@ -249,3 +249,30 @@ def test_identify_notes_what_the_registers_do_not_hold(registers, proof, said):
 def test_broadcast_is_no_device(registers, device_id):
     with pytest.raises(BadInput, match="device id"):
         regulator(registers(), device_id=device_id)
+
+
+def tare_command(status="00 00"):
+    """The tare command 4 for the pressure, and the question for its result."""
+    return [
+        ("01 10 03 E7 00 02 04 00 04 00 00", "01 10 03 E7 00 02"),
+        ("01 03 03 E7 00 02", f"01 03 04 00 04 {status}"),
+    ]
+
+
+def test_tare_is_command_4_and_a_reading_from_after_it(registers):
+    device = regulator(registers(*tare_command(), (READ, reading("00 00 04 00", AT_0, AT_0))))
+
+    assert device.tare().gauge_psi == 0
+
+
+def test_a_tare_that_is_refused_is_named(registers):
+    with pytest.raises(InstrumentRefused, match="command 4 with argument 0 was refused: 0x8003"):
+        regulator(registers(*tare_command("80 03"))).tare()
+
+
+def test_hold_closed_is_read_back(registers):
+    device = regulator(registers(*command("00 01"), (READ, reading("00 00 01 00"))))
+    assert device.hold_closed().holding
+
+    with pytest.raises(ReadBackMismatch, match="HLD was not read back"):
+        regulator(registers(*command("00 01"), *[(READ, reading("00 00 00 00"))] * 3)).hold_closed()

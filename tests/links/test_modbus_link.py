@@ -120,7 +120,7 @@ def test_an_exception_is_a_refusal_with_its_meaning(serial_peer, wires, serial_l
         ("another function", rtu("01 02 01 05")),
         ("another function's exception", rtu("01 83 02")),
         ("too many coils", rtu("01 01 02 05 00")),
-        ("bytes before the frame", b"\xff\xff" + rtu("01 01 01 05")),
+        ("a byte that is no stray before the frame", b"\x13" + rtu("01 01 01 05")),
     ],
 )
 def test_a_reply_that_is_none_is_refused(serial_peer, wires, serial_link, fault, reply):

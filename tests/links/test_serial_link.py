@@ -6,12 +6,14 @@ import pytest
 from labctl.clock import WallClock
 from labctl.errors import GarbledReply, LinkDown, NoAnswer
 from labctl.links.deadline import Deadline
+from labctl.links.line_resync import Probe
 from labctl.links.serial_link import open_serial_link
 
 pytestmark = pytest.mark.real_time
 
 POLL, FRAME = b"A\r", b"A +003.90 +003.90\r"
-PROBE, VERSION = b"AVE\r", b"A   10v20.0-R24 Jan  9 2025,15:04:07\r"
+VERSION = b"A   10v20.0-R24 Jan  9 2025,15:04:07\r"
+PROBE = Probe(b"AVE\r", lambda line: b"v20" in line)
 
 
 def within(seconds):
@@ -77,14 +79,14 @@ def test_a_late_reply_is_never_taken_for_the_reply_to_a_new_request(serial_peer,
         wires.expect(POLL),
         # Later than the time-out and the quiet time together.
         wires.say(b"A +001.00 +001.00\r", after_s=0.3),
-        wires.expect(PROBE),
+        wires.expect(PROBE.request),
         wires.say(VERSION),
         wires.expect(POLL),
         wires.say(FRAME),
     )
     link = connect(peer)
     assert link.exchange_line(POLL, within(1)) == FRAME[:-1]
-    link.resync_by(PROBE, lambda line: b"v20" in line)
+    link.resync_by([PROBE])
     with pytest.raises(NoAnswer):
         link.exchange_line(POLL, within(0.15))
     assert link.exchange_line(POLL, within(1)) == FRAME[:-1]
@@ -107,14 +109,14 @@ def test_a_line_that_the_driver_did_not_understand_is_resynchronised_after(seria
     peer = serial_peer(
         wires.expect(POLL),
         wires.say(b"garbage\r"),
-        wires.expect(PROBE),
+        wires.expect(PROBE.request),
         wires.say(FRAME + VERSION),
         wires.expect(POLL),
         wires.say(FRAME),
     )
     link = connect(peer)
     assert link.exchange_line(POLL, within(1)) == b"garbage"
-    link.resync_by(PROBE, lambda line: b"v20" in line)
+    link.resync_by([PROBE])
     link.mark_suspect()
     assert link.exchange_line(POLL, within(1)) == FRAME[:-1]
 

@@ -24,6 +24,7 @@ class FakeRegulator:
         self.dead = False
         self.exhaust_works = True
         self.flags: frozenset[str] = frozenset()
+        self.offset_psi = 0.0
 
     def identify(self, timeout_s: float | None = None) -> Identity:
         return Identity("fake")
@@ -33,7 +34,12 @@ class FakeRegulator:
         if self.exhausting:
             self.pressure_psi = max(0.0, self.pressure_psi - self.fall_psi)
         status = self.flags | ({"EXH"} if self.exhausting else set())
-        return PressureReading(self.pressure_psi, self.setpoint_psi, status)
+        return PressureReading(self.pressure_psi + self.offset_psi, self.setpoint_psi, status)
+
+    def tare(self, timeout_s: float | None = None) -> PressureReading:
+        self._answer("tare")
+        self.offset_psi = -self.pressure_psi
+        return self.read()
 
     def write_setpoint(self, setpoint_psi: float, timeout_s: float | None = None) -> PressureReading:
         self._answer(f"setpoint {setpoint_psi:g}")

@@ -4,9 +4,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
-from labctl.cli.options import json_option, ledger_option
-from labctl.cli.output import emit_json
+from labctl.cli.options import held_rig_option, json_option, ledger_option
+from labctl.cli.output import ProgressLine, emit_json
+from labctl.errors import BadInput
 
 if TYPE_CHECKING:
     from labctl.session.control_file import ControlRequest
@@ -32,19 +34,38 @@ def resume(ledger_folder: Path, as_json: bool) -> None:
 
 
 @click.command()
+@held_rig_option
 @ledger_option
 @json_option
-def abort(ledger_folder: Path, as_json: bool) -> None:
-    """Abort the running protocol and vent.
+@click.pass_context
+def abort(ctx: click.Context, rig_path: Path | None, ledger_folder: Path, as_json: bool) -> int:
+    """Abort the running command and vent: a protocol, inflate, whatever holds the rig, in whatever folder.
 
-    The present trial is recorded as aborted.
+    The present trial is recorded as aborted. What is aborted: the command that holds the rig of --rig; else the run
+    that writes to the ledger; else the only command of yours that holds a rig. One that does not answer within a
+    second is ended, and the rig is vented from here. Exit code 0: SAFE was read back.
     """
-    _request(
-        ledger_folder,
-        "abort",
-        as_json,
-        "abort requested; its own terminal shows the run vent and read SAFE back, labctl runs how it ended",
-    )
+    from labctl.cli.held import held_by_file, held_rigs, one_held_rig, print_vented, vent_rigs
+    from labctl.ledger.lock import holder_of
+
+    given = ctx.get_parameter_source("ledger_folder") is not ParameterSource.DEFAULT
+    if given and rig_path is not None:
+        raise BadInput(
+            "--rig and --ledger: give one of them, the rig of the command or the ledger of the run"
+        )
+    writer = None if rig_path is not None else holder_of(ledger_folder)
+    found = (rig_path is not None and held_by_file(rig_path)) or held_rigs(rig_path)
+    if writer is not None or given:
+        found = tuple(held for held in found if writer is not None and held.entry.holder.pid == writer.pid)
+        if not found:
+            # Another user's, or one that has opened no rig yet.
+            reply = "abort requested; its own terminal shows the run vent and read SAFE back"
+            _request(ledger_folder, "abort", as_json, f"{reply}, labctl runs how it ended")
+            return 0
+    held = one_held_rig(found, rig_path, "name one with --rig; labctl vent vents them all")
+    with ProgressLine(quiet=True) as line:
+        vented = vent_rigs([held], "abort", line.notify)
+    return print_vented(vented, as_json)
 
 
 def _request(folder: Path, request: "ControlRequest", as_json: bool, reply: str) -> None:
@@ -53,7 +74,6 @@ def _request(folder: Path, request: "ControlRequest", as_json: bool, reply: str)
     Raises:
         BadInput: nobody writes to this ledger.
     """
-    from labctl.errors import BadInput
     from labctl.ledger.lock import holder_of
     from labctl.session.control_file import write_request
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from labctl.cli.interrupts import stop_on_signals
@@ -15,6 +15,7 @@ from labctl.config.rig import RigConfig
 from labctl.ledger.records import RunRecord, SimulatedHeights, TrialRecord
 from labctl.ledger.writer import LedgerWriter
 from labctl.rig import Rig
+from labctl.rig.presence import Presence
 from labctl.safety.safe_state import SafeReport
 from labctl.session.continuation import (
     changed_instruments,
@@ -24,7 +25,7 @@ from labctl.session.continuation import (
 )
 from labctl.session.contract import Trial
 from labctl.session.control_file import ControlFile
-from labctl.session.engine import conduct
+from labctl.session.engine import RunObserver, conduct
 from labctl.session.prepare import PreparedRun
 from labctl.session.record import record_new_run, simulated_heights
 from labctl.session.request import plan
@@ -79,37 +80,70 @@ def measure(
     """
     line = session.line
     compile_kernels(line.notify)
-    with chosen_rig(options.rig_path, design_name, session.stop, options.speed) as config:
+    outcome = Outcome.current()
+    with chosen_rig(options.rig_path, design_name, session.stop, line.notify, options.speed) as config:
+        presence = _computing(outcome)
         planned = plan(prepared.protocol, prepared.request, prepared.design, config)
-        heights = _heights(prepared, planned, config, session)
+        heights = _heights(prepared, planned, config, session, presence)
         reporter = RunReporter(line, config, planned, quiet=quiet)
 
         def register(rig: Rig) -> RunRecord:
             record = _register(prepared, options, session, rig, len(planned), heights)
             reporter.run_started(record)
+            presence.show_run(record.protocol, record.number)
             return record
 
-        line.show("opening the rig")
-        opened = reporting(
-            Rig(config, stop=session.stop, notify=line.notify, platform=Outcome.current().platform)
-        )
+        _show(session, presence, "opening the rig")
+        presence.opening()
+        opened = reporting(Rig(config, stop=session.stop, notify=line.notify, platform=outcome.platform))
         attempts = prepared.request.attempts
+        observer = _published(reporter.observer(), presence, len(planned))
         try:
             run, summary = conduct(
-                opened, register, planned, attempts, session.writer, session.stop, reporter.observer()
+                opened, register, planned, attempts, session.writer, session.stop, observer
             )
         finally:
             reporter.finish()
     trials = session.writer.trials(run.number)
-    return FinishedRun(run, config, planned, trials, summary, Outcome.current().report)
+    return FinishedRun(run, config, planned, trials, summary, outcome.report)
+
+
+def _computing(outcome: Outcome) -> Presence:
+    """The presence of this command, which has no port open yet."""
+    assert outcome.presence is not None  # noqa: S101 - the rig is held
+    outcome.presence.closed()
+    return outcome.presence
+
+
+def _show(session: Session, presence: Presence, step: str) -> None:
+    session.line.show(step)
+    presence.show(step)
+
+
+def _published(observer: RunObserver, presence: Presence, planned: int) -> RunObserver:
+    """The observer, whose steps and trials are seen from other terminals too."""
+
+    def show_step(step: str, detail: str) -> None:
+        presence.show(step, detail)
+        observer.show_step(step, detail)
+
+    return replace(
+        observer,
+        show_step=show_step,
+        trial_begun=lambda trial: presence.show_trial(trial.number, planned),
+    )
 
 
 def _heights(
-    prepared: PreparedRun, planned: tuple[Trial, ...], config: RigConfig, session: Session
+    prepared: PreparedRun,
+    planned: tuple[Trial, ...],
+    config: RigConfig,
+    session: Session,
+    presence: Presence,
 ) -> tuple[SimulatedHeights, ...]:
     """The simulated heights: of a continued run those of its record."""
     if prepared.run is None:
-        session.line.show("simulating the patterns")
+        _show(session, presence, "simulating the patterns")
         return simulated_heights(prepared.design, planned, config)
     require_same_rig(prepared.run, config)
     require_same_plan(session.writer, prepared.run, planned)

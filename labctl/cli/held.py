@@ -1,0 +1,251 @@
+"""Rigs that commands in other terminals hold: which are meant, how they are vented, how they are shown."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+
+from labctl.cli.outcome import Outcome
+from labctl.cli.output import SIMULATED, banner, emit_json
+from labctl.errors import BadInput, LabError, NoAnswer
+
+if TYPE_CHECKING:
+    from labctl.holder.interfaces import Conversation, Held
+    from labctl.holder.records import RigState
+    from labctl.safety.safe_state import SafeReport
+    from labctl.safety.vent_held import From, Vented
+
+_ANSWER_S = 1.0
+# A command that only looks, or opens the rig, has read it or let go of it by then.
+_READING_S = 3.0
+
+
+@dataclass(frozen=True)
+class VentedRig:
+    """What became of one held rig; `by_holder` where its own process read it back."""
+
+    held: "Held"
+    report: "SafeReport"
+    by_holder: bool
+
+
+def held_rigs(rig_path: Path | None) -> tuple["Held", ...]:
+    """Who holds the rig of this file; every rig that is held by this user where no file is named.
+
+    Raises:
+        BadInput: the file cannot be read.
+    """
+    holders = Outcome.current().holders
+    if rig_path is None:
+        return holders.all()
+    return holders.find(addresses_in(rig_path))
+
+
+def held_by_file(rig_path: Path | None) -> tuple["Held", ...]:
+    """`held_rigs` as far as it is known without reading the file, which takes longer than the word to vent may."""
+    holders = Outcome.current().holders
+    return tuple(held for held in holders.all() if rig_path is None or _is_of(held, rig_path))
+
+
+def _is_of(held: "Held", rig_path: Path) -> bool:
+    return held.entry.holder.source == str(rig_path.resolve())
+
+
+def addresses_in(rig_path: Path) -> tuple[str, ...]:
+    """The addresses of the rig of a file.
+
+    Raises:
+        BadInput: the file cannot be read.
+    """
+    from labctl.config.load import load_rig
+    from labctl.holder.addresses import addresses_of
+
+    config = load_rig(rig_path)
+    return addresses_of(config.regulator, config.valves)
+
+
+def one_held_rig(found: Sequence["Held"], rig_path: Path | None, what: str) -> "Held":
+    """The only one of them.
+
+    Raises:
+        BadInput: there is none, or several; the message lists them and ends with `what` to do.
+    """
+    if not found:
+        which = "a rig" if rig_path is None else f"the rig of {rig_path}"
+        raise BadInput(f"no labctl of yours holds {which} now; labctl runs lists what has run")
+    if len(found) > 1:
+        listed = "; ".join(f"{held.entry.holder.source}: {held.entry.holder.describe()}" for held in found)
+        raise BadInput(f"{len(found)} rigs are held ({listed}); {what}")
+    return found[0]
+
+
+def vent_rigs(
+    found: Sequence["Held"], word: Literal["vent", "abort"], notify: Callable[[str], None]
+) -> list[VentedRig]:
+    """Vent held rigs, all at once; what cannot be done stands in the report."""
+    if not found:
+        return []
+    # Before the instruments' side is imported, which takes as long as the request may.
+    asked = [_ask(held, word) for held in found]
+    from labctl.holder.this_holder import this_holder
+    from labctl.safety.vent_held import From
+
+    platform = Outcome.current().platform
+    scheduler = platform.scheduler
+    vented: dict[int, VentedRig] = {}
+
+    def vent_one(index: int) -> None:
+        held = found[index]
+        holder = held.entry.holder
+        me = this_holder("command", holder.rig_name, holder.source, simulated=holder.simulated)
+        here = From(me, platform.holders, scheduler, platform.wires, notify)
+        vented[index] = _vent_one(held, asked[index], here)
+
+    threads = [
+        scheduler.start_thread(lambda index=index: vent_one(index), f"{word} {index}")  # type: ignore[misc]
+        for index in range(1, len(found))
+    ]
+    vent_one(0)
+    for thread in threads:
+        while not thread.join(1.0):
+            pass
+    return [vented[index] for index in sorted(vented)]
+
+
+def same_rig(vented: Sequence[VentedRig], rig_path: Path) -> bool:
+    """Whether these are the rig that the file describes now, or what it describes cannot be read."""
+    try:
+        addresses = set(addresses_in(rig_path))
+    except BadInput:
+        return True
+    return any(addresses & set(rig.held.entry.addresses) for rig in vented)
+
+
+def _ask(held: "Held", word: Literal["vent", "abort"]) -> "Conversation | NoAnswer":
+    if held.entry.holder.kind == "guard":
+        return NoAnswer("a guard is asked nothing")
+    try:
+        return held.ask(word, _ANSWER_S)
+    except NoAnswer as error:
+        return error
+
+
+def _vent_one(held: "Held", asked: "Conversation | NoAnswer", here: "From") -> VentedRig:
+    from labctl.safety.safe_state import SafeReport
+    from labctl.safety.vent_held import vent_held
+
+    try:
+        vented: Vented = vent_held(held, asked, here)
+    # Of several rigs each is vented, whatever becomes of the others.
+    except Exception as error:
+        problem = str(error) if isinstance(error, LabError) else repr(error)
+        return VentedRig(held, SafeReport(None, None, None, None, (problem,)), by_holder=False)
+    return VentedRig(held, vented.report, vented.by == "holder")
+
+
+def print_vented(vented: Sequence[VentedRig], as_json: bool) -> int:
+    """Print what was read back of each; returns the exit code: 0 where all are SAFE."""
+    safe = all(rig.report.safe for rig in vented)
+    if as_json:
+        rigs = [_vented_for_machines(rig) for rig in vented]
+        emit_json(rigs[0] if len(rigs) == 1 else {"safe": safe, "rigs": rigs})
+        return 0 if safe else 1
+    banner(all(rig.held.entry.holder.simulated for rig in vented))
+    for rig in vented:
+        holder = rig.held.entry.holder
+        simulated = f" ({SIMULATED})" if holder.simulated and len(vented) > 1 else ""
+        click.echo(f"{holder.rig_name}{simulated}: {rig.report.describe()}")
+        by = "that process" if rig.by_holder else "this one, in its place"
+        click.echo(f"held by {holder.describe()}; vented and read back by {by}")
+    return 0 if safe else 1
+
+
+def report_for_machines(report: "SafeReport") -> dict[str, Any]:
+    """What was read back on the way to SAFE, as the JSON of `labctl vent` has it."""
+    return {
+        "safe": report.safe,
+        "pressure_psi": report.pressure_psi,
+        "setpoint_psi": report.setpoint_psi,
+        "vented_by": report.vented_by,
+        "channels_on": None if report.channels_on is None else sorted(report.channels_on),
+        "problems": report.problems,
+    }
+
+
+def _vented_for_machines(rig: VentedRig) -> dict[str, Any]:
+    holder = rig.held.entry.holder
+    return {
+        "simulated": holder.simulated,
+        **report_for_machines(rig.report),
+        "rig": holder.rig_name,
+        "held_by": {"pid": holder.pid, "command": holder.command, "since": holder.since},
+        "read_back_by_holder": rig.by_holder,
+    }
+
+
+def state_of(held: "Held") -> "RigState":
+    """What the holder says now; of one that is just opening the rig, once it has read it.
+
+    Raises:
+        LabError: it does not answer.
+    """
+    clock = Outcome.current().platform.scheduler
+    try:
+        conversation = held.ask("watch", _ANSWER_S)
+        try:
+            end_s = clock.now_s() + _READING_S
+            state = None
+            while (latest := conversation.next_state(_ANSWER_S)) is not None:
+                state = latest
+                if state.phase != "opening" or state.pressure_psi is not None or clock.now_s() > end_s:
+                    break
+        finally:
+            conversation.close()
+    except NoAnswer as error:
+        raise LabError(f"{error}; {silent(held)}") from error
+    if state is None:
+        raise LabError(f"process {held.entry.holder.pid} is just letting go of the rig; try again")
+    return state
+
+
+def silent(held: "Held") -> str:
+    """What to do about a holder that does not answer."""
+    return (
+        f"{held.entry.holder.rig_name} is held by {held.entry.holder.describe()}, which has stopped or hangs: "
+        "labctl vent ends it and takes the rig to SAFE"
+    )
+
+
+def state_lines(state: "RigState") -> list[str]:
+    """A state as text."""
+    trial = f", trial {state.trial} of {state.trials}" if state.trial is not None else ""
+    run = f"run {state.run} ({state.protocol}{trial}): " if state.run is not None else ""
+    step = (state.step or state.holder.command).removeprefix(f"trial {state.trial}: ")
+    lines = [
+        f"held by   {state.holder.describe()}",
+        f"doing     {run}{step} {state.detail}".rstrip(),
+    ]
+    if state.pressure_psi is None:
+        lines.append(
+            "pressure  not read: " + ("its port is not open" if state.phase == "closed" else "opening")
+        )
+    else:
+        lines.append(f"pressure  {state.pressure_psi:.2f} psi, setpoint {state.setpoint_psi:.2f} psi")
+        lines.append(f"flags     {' '.join(state.flags) or 'none'}")
+    if state.channels_on is not None:
+        lines.append(f"valves    {', '.join(map(str, state.channels_on)) or 'none'} on")
+    if state.markers is not None:
+        lines.append(f"markers   {state.markers_seen} of {state.markers} seen")
+    if state.asked_by is not None:
+        lines.append(f"stopping  {state.asked_by}")
+    return lines
+
+
+def condition(state: "RigState") -> str:
+    """SAFE, as it was read back; else what there is to say instead."""
+    safe = state.read_back or state.safe
+    if safe is not None:
+        return "SAFE" if safe.safe else f"NOT SAFE: {'; '.join(safe.problems)}"
+    return "not open" if state.pressure_psi is None else "ENERGISED, or not yet read back SAFE"
