@@ -106,7 +106,7 @@ class PulledStream(PulledPort):
         self._kept = []
 
     def is_of_use(self):
-        return not self._broken and (not self._closed or bool(self._kept))
+        return not self._broken and (not self._closed or self._cables.is_out(self.instrument))
 
     def send(self, data, deadline):
         self._require_whole()
@@ -147,5 +147,6 @@ class PulledStream(PulledPort):
 
     def close(self):
         self._closed = True
-        if not self._kept:
+        # The other end cannot learn of it before.
+        if self._broken or not self._cables.is_out(self.instrument):
             self._wire.close()

@@ -37,7 +37,7 @@ class RestlessPlant:
         self.looks.append(look)
         return look
 
-    def write_setpoint(self, setpoint_psi):
+    def write_setpoint(self, setpoint_psi, *ramp):
         self.setpoint_psi = setpoint_psi
 
     def switch_mode(self, mode):

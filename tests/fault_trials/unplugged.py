@@ -211,10 +211,10 @@ class Deeds:
         self._watches = False
 
     def _watched(self, name, act, energises):
-        def acted(what):
+        def acted(what, *how):
             if self._watches and energises(what):
                 self.energising.append(f"{name} {what}")
-            act(self._plant, what)
+            act(self._plant, what, *how)
             state = self._plant.state()
             if self._watches and self.vented_s is None and state.exhausting and state.setpoint_psi == 0:
                 self.vented_s = self._clock.now_s()
