@@ -18,6 +18,8 @@ END_OF_STREAM = "@@="
 
 _COMMAND = re.compile(r"[A-Z](?:[A-Z?][ -~]*|\$\$[A-Z][ -~]*)?")
 _BARE_SETPOINT = re.compile(r"[A-Z](?:\$\$)?L?S\s*[+-]?\d+")
+# Those that a rig acts on: none may be lost among the columns.
+SAFETY_WORDS = frozenset({"ADC", "EXH", "HLD", "OPL", "POV"})
 _STATUS_WORD = re.compile(r"(?=.*[A-Z])[A-Z0-9]{3}")
 _STREAMED = re.compile(rb"(?:@| ) *[+-]?\d")
 
@@ -98,6 +100,11 @@ def parse_frame(name: str, line: str, layout: FrameLayout, unit: PressureUnit) -
     """
     words = [line[:1], *line[1:].split()]
     values, status = words[: layout.columns], words[layout.columns :]
+    if taken := SAFETY_WORDS & set(values):
+        raise GarbledReply(
+            f"{name}: {line!r} has {' '.join(sorted(taken))} in a column of the device's table, where no status is; "
+            "the table or the line was spoilt on its way: ask again"
+        )
     if len(values) < layout.columns or not all(_STATUS_WORD.fullmatch(word) for word in status):
         raise GarbledReply(f"{name}: {line!r} is not a data frame of {layout.columns} columns; ask again")
     return PressureReading(
