@@ -7,8 +7,7 @@ and says so: another number in a line without a checksum, or a checksum that cam
 import random
 import re
 import struct
-import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 from fault_trials.fuzzed_wire import FuzzClock, FuzzedWire, Spoiler
 from fault_trials.restless_plant import RestlessPlant
@@ -44,10 +43,12 @@ _LINE = re.compile(rb"A +([+-]?\d{3}\.\d\d) +([+-]?\d{3}\.\d\d)((?: +[A-Z0-9]{3}
 
 @dataclass
 class Tally:
-    """What became of the calls; `false_readings` and `not_ended` hold what must not be."""
+    """What became of the calls; `false_readings` and `crashes` hold what must not be.
+
+    `undetectable` are values that are not true and that no driver can know from true ones.
+    """
 
     driver: str
-    seed: int
     frames: int = 0
     fuzzed: dict = field(default_factory=dict)
     calls: int = 0
@@ -57,14 +58,11 @@ class Tally:
     longest_s: float = 0.0
     false_readings: list = field(default_factory=list)
     crashes: list = field(default_factory=list)
-    took_s: float = 0.0
 
     @property
-    def good(self):
-        return not (self.false_readings or self.crashes) and self.longest_s <= TIMEOUT_S + MARGIN_S
-
-    def as_json(self):
-        return asdict(self) | {"good": self.good}
+    def wrong(self):
+        late = [] if self.longest_s <= TIMEOUT_S + MARGIN_S else [f"a call of {TIMEOUT_S} s took {self.longest_s} s"]
+        return [*self.false_readings, *self.crashes, *late]
 
 
 class Regulator:
@@ -208,8 +206,7 @@ SUBJECTS = {
 def fuzz(driver, seed, frames):
     """Let about so many spoilt replies answer calls of this driver."""
     rng = random.Random(seed)
-    started_s = time.monotonic()
-    tally = Tally(driver, seed)
+    tally = Tally(driver)
     clock, subject = FuzzClock(), SUBJECTS[driver](rng)
     spoiler = Spoiler(rng, SHARE, subject.is_reading)
     while spoiler.fuzzed < frames:
@@ -219,7 +216,6 @@ def fuzz(driver, seed, frames):
             _judged_call(subject, device, wires, clock, spoiler, tally)
         device.close()
     tally.frames, tally.fuzzed = spoiler.fuzzed, spoiler.counts
-    tally.took_s = time.monotonic() - started_s
     return tally
 
 

@@ -1,8 +1,7 @@
 """Links that break in the middle of a hold and come back: what the rig does, and how soon it can be used again."""
 
 import random
-import time
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 
 from fault_trials.cables import WAYS, Cables
 from virtual_rig import VirtualRig
@@ -38,7 +37,6 @@ class Tally:
     """
 
     link: str
-    seed: int
     cycles: int = 0
     endings: dict = field(default_factory=dict)
     safe_at_once: int = 0
@@ -47,15 +45,6 @@ class Tally:
     ended_s: list = field(default_factory=list)
     back_s: list = field(default_factory=list)
     wrong: list = field(default_factory=list)
-    took_s: float = 0.0
-
-    @property
-    def good(self):
-        return not self.wrong
-
-    def as_json(self):
-        return asdict(self) | {"good": self.good}
-
 
 class Breaks:
     """Breaks of one link on rigs of doubles in virtual time."""
@@ -67,14 +56,12 @@ class Breaks:
         self._instrument, self._settings = LINKS[link]
         self._rng = random.Random(seed)
         self._seed = seed
-        self.tally = Tally(link, seed)
+        self.tally = Tally(link)
 
     def run(self, cycles):
         """So many more."""
-        started_s = time.monotonic()
         while self.tally.cycles < cycles:
             self._one_rig(min(CYCLES_A_RIG, cycles - self.tally.cycles))
-        self.tally.took_s = time.monotonic() - started_s
         return self.tally
 
     def _one_rig(self, cycles):
