@@ -254,7 +254,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--real-cycles", type=int, default=8, help="of each link, in this machine's time")
     parser.add_argument("--injections", type=int, default=10_000, help="of over-pressure, in all")
     parser.add_argument("--frames", type=int, default=1_000_000, help="spoilt ones, of each driver")
-    parser.add_argument("--only", action="append", choices=PARTS, help="this part; may be given more than once")
+    parser.add_argument(
+        "--only", action="append", choices=PARTS, help="this part; may be given more than once"
+    )
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--seed", type=int, help="drawn and printed without it")
     parser.add_argument("--out", type=Path, help="a JSON file for everything that was counted")

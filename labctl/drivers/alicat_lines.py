@@ -7,7 +7,7 @@ import re
 
 from labctl.config.rig import PressureUnit
 from labctl.drivers.alicat_firmware import find_firmware
-from labctl.drivers.alicat_layout import CURSOR_BACK, Column, FrameLayout
+from labctl.drivers.alicat_layout import CURSOR_BACK, SAFETY_WORDS, Column, FrameLayout
 from labctl.drivers.pressure_unit import to_psi
 from labctl.errors import GarbledReply
 from labctl.instruments.readings import PressureReading
@@ -18,8 +18,6 @@ END_OF_STREAM = "@@="
 
 _COMMAND = re.compile(r"[A-Z](?:[A-Z?][ -~]*|\$\$[A-Z][ -~]*)?")
 _BARE_SETPOINT = re.compile(r"[A-Z](?:\$\$)?L?S\s*[+-]?\d+")
-# Those that a rig acts on: none may be lost among the columns.
-SAFETY_WORDS = frozenset({"ADC", "EXH", "HLD", "OPL", "POV"})
 _STATUS_WORD = re.compile(r"(?=.*[A-Z])[A-Z0-9]{3}")
 _STREAMED = re.compile(rb"(?:@| ) *[+-]?\d")
 

@@ -52,33 +52,41 @@ class _FreeLock:
 class Spoiler:
     """Spoils a share of the replies; counts them by what happened.
 
-    `is_reading` knows the replies that carry a reading, where nothing tells to which request they belong. These come
-    late or twice, but never out of turn: an old reading in the place of a new one is one as far as anybody can see.
+    `counts` knows the replies by which a driver reads, or knows that a line is in step, where nothing tells to which
+    request they belong. These come late or twice, but never out of turn: nobody could see that.
     """
 
-    def __init__(self, rng, share, is_reading):
+    def __init__(self, rng, share, counts):
         self.share = share
         self.rng = rng
         self.counts = dict.fromkeys(MISHAPS, 0)
-        self._is_reading = is_reading
+        self._counts = counts
         self._heard = deque(maxlen=200)
+        self._changed = deque(maxlen=20)
 
     @property
     def fuzzed(self):
         return sum(self.counts.values())
 
-    def heard(self, frame):
-        """Whether a device said this lately."""
-        return frame in self._heard
+    def was_said(self, frame):
+        """Whether a device said this lately, and the wire did not make it up."""
+        return frame in self._heard and not any(frame in changed for changed in self._changed)
 
     def spoil(self, reply):
         """Pieces of bytes that come in place of the reply, each with how much later than it."""
+        pieces = self._pieces(reply)
+        data = b"".join(piece for _, piece in pieces)
+        if data not in (reply, reply + reply):
+            self._changed.append(data)
+        return pieces
+
+    def _pieces(self, reply):
         rng = self.rng
         self._heard.append(reply)
         if not reply or rng.random() >= self.share:
             return [(0.0, reply)]
         mishap = MISHAPS[rng.randrange(len(MISHAPS))]
-        others = [heard for heard in list(self._heard)[-20:] if heard != reply and not self._is_reading(heard)]
+        others = [heard for heard in list(self._heard)[-20:] if heard != reply and not self._counts(heard)]
         if mishap == "another request's reply" and not others:
             mishap = "random bytes"
         self.counts[mishap] += 1

@@ -217,7 +217,9 @@ class Trials:
         started_s = watched.time.now_s()
         rig = None
         try:
-            rig = Rig(watched.virtual.config, stop=OperatorStop(), notify=lambda _: None, platform=watched.platform)
+            rig = Rig(
+                watched.virtual.config, stop=OperatorStop(), notify=lambda _: None, platform=watched.platform
+            )
             if inject:
                 self._length_s["opening"] = watched.time.now_s() - started_s
                 self._until_tripped(watched, rig)

@@ -10,7 +10,9 @@ def merged(tallies):
     first, *others = tallies
     for other in others:
         for part in fields(first):
-            setattr(first, part.name, _merged(part.name, getattr(first, part.name), getattr(other, part.name)))
+            setattr(
+                first, part.name, _merged(part.name, getattr(first, part.name), getattr(other, part.name))
+            )
     return first
 
 

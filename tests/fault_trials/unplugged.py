@@ -3,9 +3,9 @@
 import random
 from dataclasses import dataclass, field, replace
 
-from fault_trials.cables import WAYS, Cables
 from virtual_rig import VirtualRig
 
+from fault_trials.cables import WAYS, Cables
 from labctl.doubles.chamber import Mode
 from labctl.errors import LabError
 from labctl.rig import Rig
@@ -45,6 +45,7 @@ class Tally:
     ended_s: list = field(default_factory=list)
     back_s: list = field(default_factory=list)
     wrong: list = field(default_factory=list)
+
 
 class Breaks:
     """Breaks of one link on rigs of doubles in virtual time."""
@@ -101,7 +102,9 @@ class Breaks:
         if opened_s is not None:
             tally.back_s.append(opened_s - back_s - untouched_s)
             if opened_s - back_s - untouched_s > BACK_S:
-                self._wrong(f"{way}: usable {opened_s - back_s:.2f} s after it came back, broken at {pulled_s:.2f}")
+                self._wrong(
+                    f"{way}: usable {opened_s - back_s:.2f} s after it came back, broken at {pulled_s:.2f}"
+                )
         for guard in virtual.guards:
             if not guard.ended(30):
                 self._wrong(f"{way}: a guard still waits")
@@ -133,7 +136,11 @@ class Breaks:
                     rig.capture(0.3)
                 self._wrong(f"{way}: the run went on for 8 s without its {self._instrument}")
         except LabError as error:
-            ended = type(error.__cause__ or error).__name__ if type(error).__name__ == "Unsafe" else type(error).__name__
+            ended = (
+                type(error.__cause__ or error).__name__
+                if type(error).__name__ == "Unsafe"
+                else type(error).__name__
+            )
             ended += ", UNSAFE reported" if type(error).__name__ == "Unsafe" else ", SAFE read back"
         ended_s = clock.now_s()
         tally.ended_s.append(ended_s - (pulled_s or ended_s))
@@ -150,7 +157,9 @@ class Breaks:
         self.tally.safe_by_guard += _is_safe(virtual.plant)
         while True:
             try:
-                with Rig(virtual.config, stop=OperatorStop(), notify=lambda _: None, platform=virtual.platform) as rig:
+                with Rig(
+                    virtual.config, stop=OperatorStop(), notify=lambda _: None, platform=virtual.platform
+                ) as rig:
                     opened_s = self._reads_right(virtual, rig, way)
                     if not _is_safe(virtual.plant, pressure=False):
                         self._wrong(f"{way}: opened again and not SAFE: {virtual.plant.state()}")

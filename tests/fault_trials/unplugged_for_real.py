@@ -8,8 +8,8 @@ import tempfile
 from pathlib import Path
 
 from bowl import DESIGN, Bowl
-from fault_trials.unplugged import Breaks
 
+from fault_trials.unplugged import Breaks
 from labctl.clock import WallClock
 from labctl.config.load import rig_from_text
 from labctl.doubles.phasespace_server import PhaseSpaceServer
@@ -46,7 +46,9 @@ class PluggedDoubles:
         text = rig_toml(
             settings, str(self._port("regulator")), valves, "127.0.0.1", self._tcp_ports["markers"] - 8000
         )
-        text = text.replace("frequency_hz = 240", "frequency_hz = 60").replace("simulated = true", "simulated = false")
+        text = text.replace("frequency_hz = 240", "frequency_hz = 60").replace(
+            "simulated = true", "simulated = false"
+        )
         self.config = rig_from_text(text, "rig.toml")
         self.platform = SYSTEM
         self.guards = []
@@ -61,7 +63,11 @@ class PluggedDoubles:
             self._tcp_ports["markers"] = 8000 + server.server_number
         elif instrument == "valves" and self._settings.valve_transport == "tcp":
             server = serve_tcp(
-                "valves", self._rig.valves_line, faults["valves"], self.time, listen(port=self._tcp_ports["valves"])
+                "valves",
+                self._rig.valves_line,
+                faults["valves"],
+                self.time,
+                listen(port=self._tcp_ports["valves"]),
             )
             self._tcp_ports["valves"] = int(server.address.rpartition(":")[2])
         else:
