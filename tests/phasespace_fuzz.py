@@ -119,8 +119,8 @@ class FedStream:
 def fuzz_driver(rng, frames, share=0.2):
     """Read about so many frames, a share of them spoilt, stream after stream.
 
-    Returns the numbers of frames sent, spoilt, read and refused by an error. Raises AssertionError where a frame was read
-    that nobody sent, or another error than a LabError came.
+    Returns the numbers of frames sent, spoilt, read and refused by an error. Raises AssertionError where a frame was
+    read that nobody sent, or another error than a LabError came.
     """
     sent = spoiled = read = refused = 0
     greeting = packet(0, 1, f"table=names {_NAMES}".encode()) + packet(0, 1, b"opened=1")

@@ -20,8 +20,8 @@ _INSTANT_S = 1e-6
 class Probe:
     """A question that changes nothing, and the test that knows each line of its answer from every other line.
 
-    `patience_s` is how long its answer is waited for before another question is tried. Two are the same question where
-    they send the same: its answer may be on its way whoever asked.
+    `patience_s` is how long its answer is waited for before another question is tried. Two that send the same are
+    the same question: its answer may be on its way whoever asked.
     """
 
     request: bytes

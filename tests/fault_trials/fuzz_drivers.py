@@ -25,10 +25,12 @@ from labctl.links.modbus_channel import RtuChannel, TcpChannel
 from labctl.links.modbus_link import QUIET_S, ModbusLink
 from labctl.links.serial_link import SerialLink
 
-SHARE = 0.6
+SHARE = 0.4
 TIMEOUT_S = 1.0
 # One frame may be on its way when the time is over.
 MARGIN_S = 0.05
+# Finding out what there is takes longer (an Alicat's tables), and more than one try on such a wire.
+FIRST_TIMEOUT_S, FIRST_TRIES = 3.0, 10
 CALLS_A_DRIVER = 300
 ALICAT = {
     "pressure_unit": "psi",
@@ -223,6 +225,7 @@ def fuzz(driver, seed, frames):
     while spoiler.fuzzed < frames:
         wires = _Wires(clock, spoiler)
         device = subject.open(wires, clock)
+        _identified(device, wires, tally)
         for _ in range(CALLS_A_DRIVER):
             _judged_call(subject, device, wires, clock, spoiler, tally)
         device.close()
@@ -253,6 +256,18 @@ class _Wires:
         return b"".join(bytes(wire.arrived) for wire in self._opened)
 
 
+def _identified(device, wires, tally):
+    for _ in range(FIRST_TRIES):
+        wires.begin()
+        try:
+            device.identify(FIRST_TIMEOUT_S)
+        except InstrumentError:
+            continue
+        except Exception as error:
+            tally.crashes.append(f"{error!r} after {wires.story()}")
+        return
+
+
 def _judged_call(subject, device, wires, clock, spoiler, tally):
     wires.begin()
     subject.plant.begin()
@@ -274,9 +289,7 @@ def _judged_call(subject, device, wires, clock, spoiler, tally):
         if subject.could_be(value, wires.arrived(), spoiler.was_said):
             tally.undetectable += 1
         else:
-            tally.false_readings.append(
-                f"{value} after {wires.story()}, came: {wires.arrived()!r}, {subject.truth()}"
-            )
+            tally.false_readings.append(f"{value}, and {subject.truth()} after {wires.story()}")
 
 
 def _rtu_frames(arrived, function, size):

@@ -20,7 +20,10 @@ MISHAPS = (
     "in two pieces",
 )
 BYTE_S = 10 / 19200
+CHUNK_BYTES = 32
 LATEST_S = 0.9
+# A USB adapter holds bytes back for up to 16 ms.
+LONGEST_GAP_S = 0.02
 # A call waits at most a few hundred times; one that looks so often will not end.
 MOST_LOOKS = 100_000
 
@@ -112,7 +115,7 @@ class Spoiler:
             return []
         if mishap == "late":
             return [(rng.uniform(0.0, LATEST_S), reply)]
-        return [(0.0, reply[:at]), (rng.uniform(0.0, 0.05), reply[at:])]
+        return [(0.0, reply[:at]), (rng.uniform(0.0, LONGEST_GAP_S), reply[at:])]
 
 
 class FuzzedWire:
@@ -147,10 +150,14 @@ class FuzzedWire:
         for reply in replies:
             pieces = self._spoiler.spoil(reply)
             self.story.append((bytes(data), "as", *pieces, "in place of", reply))
+            # A device answers in order, and a long answer takes its time.
+            at_s = max(self.clock.now_s(), self._coming[-1][0] if self._coming else 0.0)
             for later_s, piece in pieces:
-                due_s = self.clock.now_s() + len(piece) * BYTE_S + later_s
-                # A device answers in order.
-                self._coming.append((max(due_s, self._coming[-1][0] if self._coming else 0.0), piece))
+                at_s += later_s
+                for start in range(0, len(piece), CHUNK_BYTES):
+                    chunk = piece[start : start + CHUNK_BYTES]
+                    at_s += len(chunk) * BYTE_S
+                    self._coming.append((at_s, chunk))
 
     send = write
 

@@ -61,7 +61,7 @@ class Tally:
 
 
 class Watched:
-    """A rig's wires and plant, with what matters written down: the first reading at the limit, and when it was vented."""
+    """A rig's wires and plant, with what matters written down: the first reading at the limit, and when it vented."""
 
     def __init__(self, kind, seed):
         single = kind == "single valve"
@@ -141,7 +141,7 @@ class Watched:
 
 
 class _TimedWire:
-    """A serial wire on which bytes take their time; its pressures are heard as the host gets them, in either protocol."""
+    """A serial wire on which bytes take their time; its pressures are heard as the host gets them."""
 
     def __init__(self, wire, baudrate, clock, hear):
         self.name = wire.name

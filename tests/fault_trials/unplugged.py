@@ -7,7 +7,7 @@ from virtual_rig import VirtualRig
 
 from fault_trials.cables import WAYS, Cables
 from labctl.doubles.chamber import Mode
-from labctl.errors import LabError
+from labctl.errors import LabError, Unsafe
 from labctl.rig import Rig
 from labctl.stop import OperatorStop
 
@@ -32,8 +32,8 @@ class Tally:
     """What came of the cycles of one link. Times in seconds of the rig's clock.
 
     `vented_s` from the break until the regulator was vented, by the plant's truth, where that could be before the
-    return; `ended_s` until the command in hand had ended with an error; `back_s` from the return until the rig was open
-    and read right. `wrong` holds what must not be.
+    return; `ended_s` until the command in hand had ended with an error; `back_s` from the return until the rig was
+    open and read right. `wrong` holds what must not be.
     """
 
     link: str
@@ -45,6 +45,13 @@ class Tally:
     ended_s: list = field(default_factory=list)
     back_s: list = field(default_factory=list)
     wrong: list = field(default_factory=list)
+
+
+def as_a_real_rig(text):
+    """The doubles' rig.toml, with few frames; a guard tries again for a rig that is not simulated only."""
+    return text.replace("frequency_hz = 240", "frequency_hz = 60").replace(
+        "simulated = true", "simulated = false"
+    )
 
 
 class Breaks:
@@ -67,12 +74,9 @@ class Breaks:
 
     def _one_rig(self, cycles):
         self._seed += 1
-        # A guard tries again for a real rig only.
         virtual = VirtualRig(
             seed=self._seed,
-            change=lambda text: text.replace("frequency_hz = 240", "frequency_hz = 60").replace(
-                "simulated = true", "simulated = false"
-            ),
+            change=as_a_real_rig,
             **self._settings,
         )
         cables = Cables(virtual.doubles.wires, virtual.config, virtual.time)
@@ -113,7 +117,7 @@ class Breaks:
     def _hold_until_broken(self, virtual, cables, way, deeds):
         clock, tally = virtual.time, self.tally
         pulled_s = None
-        rig = Rig(virtual.config, stop=OperatorStop(), notify=lambda _: None, platform=virtual.platform)
+        rig = _opened(virtual)
 
         def pull():
             nonlocal pulled_s
@@ -136,12 +140,9 @@ class Breaks:
                     rig.capture(0.3)
                 self._wrong(f"{way}: the run went on for 8 s without its {self._instrument}")
         except LabError as error:
-            ended = (
-                type(error.__cause__ or error).__name__
-                if type(error).__name__ == "Unsafe"
-                else type(error).__name__
-            )
-            ended += ", UNSAFE reported" if type(error).__name__ == "Unsafe" else ", SAFE read back"
+            unsafe = isinstance(error, Unsafe)
+            ended = type(error.__cause__ or error).__name__ if unsafe else type(error).__name__
+            ended += ", UNSAFE reported" if unsafe else ", SAFE read back"
         ended_s = clock.now_s()
         tally.ended_s.append(ended_s - (pulled_s or ended_s))
         if deeds.vented_s is not None:
@@ -157,9 +158,7 @@ class Breaks:
         self.tally.safe_by_guard += _is_safe(virtual.plant)
         while True:
             try:
-                with Rig(
-                    virtual.config, stop=OperatorStop(), notify=lambda _: None, platform=virtual.platform
-                ) as rig:
+                with _opened(virtual) as rig:
                     opened_s = self._reads_right(virtual, rig, way)
                     if not _is_safe(virtual.plant, pressure=False):
                         self._wrong(f"{way}: opened again and not SAFE: {virtual.plant.state()}")
@@ -186,7 +185,7 @@ class Breaks:
 
 
 class Deeds:
-    """What is done to the plant; between `begin` and `end` nothing may be energised, and it is vented at `vented_s`."""
+    """What is done to the plant; between `begin` and `end` nothing may be energised. `vented_s`: it was vented."""
 
     def __init__(self, plant, clock):
         self.energising = []
@@ -216,6 +215,10 @@ class Deeds:
                 self.vented_s = self._clock.now_s()
 
         return acted
+
+
+def _opened(virtual):
+    return Rig(virtual.config, stop=OperatorStop(), notify=lambda _: None, platform=virtual.platform)
 
 
 def _is_safe(plant, pressure=True):

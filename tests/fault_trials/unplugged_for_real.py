@@ -4,12 +4,13 @@ An adapter that is plugged in again is another terminal (another name under /dev
 /dev/serial/by-id does.
 """
 
+import random
 import tempfile
 from pathlib import Path
 
 from bowl import DESIGN, Bowl
 
-from fault_trials.unplugged import Breaks
+from fault_trials.unplugged import Breaks, as_a_real_rig
 from labctl.clock import WallClock
 from labctl.config.load import rig_from_text
 from labctl.doubles.phasespace_server import PhaseSpaceServer
@@ -34,7 +35,8 @@ class PluggedDoubles:
         # A serial device keeps its line, whoever opens the port.
         self._lines = {"regulator": self._rig.regulator_line(), "valves": self._rig.valves_line()}
         self._servers = {}
-        self._tcp_ports = {"valves": 0, "markers": 0}
+        # Beyond what the system gives away by itself: nobody takes it while it is unplugged.
+        self._tcp_ports = {name: _free_port() for name in ("valves", "markers")}
         self.names_seen = set()
         for instrument in ("regulator", "valves", "markers"):
             self.put_back(instrument)
@@ -46,10 +48,7 @@ class PluggedDoubles:
         text = rig_toml(
             settings, str(self._port("regulator")), valves, "127.0.0.1", self._tcp_ports["markers"] - 8000
         )
-        text = text.replace("frequency_hz = 240", "frequency_hz = 60").replace(
-            "simulated = true", "simulated = false"
-        )
-        self.config = rig_from_text(text, "rig.toml")
+        self.config = rig_from_text(as_a_real_rig(text), "rig.toml")
         self.platform = SYSTEM
         self.guards = []
 
@@ -60,7 +59,6 @@ class PluggedDoubles:
         faults = self._rig.line_faults
         if instrument == "markers":
             server = PhaseSpaceServer(self._rig.markers, self.time, listen(port=self._tcp_ports["markers"]))
-            self._tcp_ports["markers"] = 8000 + server.server_number
         elif instrument == "valves" and self._settings.valve_transport == "tcp":
             server = serve_tcp(
                 "valves",
@@ -69,7 +67,6 @@ class PluggedDoubles:
                 self.time,
                 listen(port=self._tcp_ports["valves"]),
             )
-            self._tcp_ports["valves"] = int(server.address.rpartition(":")[2])
         else:
             server = serve_pty(instrument, self._lines[instrument], faults[instrument], self.time)
             self.names_seen.add(server.address)
@@ -100,3 +97,13 @@ class RealBreaks(Breaks):
                     self._one(doubles, doubles)
             finally:
                 doubles.close()
+
+
+def _free_port():
+    for port in random.SystemRandom().sample(range(20_000, 30_000), 50):
+        try:
+            listen(port=port).close()
+        except OSError:
+            continue
+        return port
+    raise OSError("no free port between 20000 and 30000")
