@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-gauge bench-vent bench-rig interop wire-table clean
+.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-gauge bench-markers bench-vent bench-rig interop wire-table clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -55,6 +55,9 @@ wire-table: $(INSTALLED)  ## docs/reference/wire-faults.md anew: every driver, w
 
 bench-vent: $(INSTALLED)  ## vent and abort from a second terminal, in every step of every command: about half an hour
 	$(BIN)/python bench/second_terminal.py
+
+bench-markers: $(INSTALLED)  ## 1 000 random things that markers do, and whether a height is ever wrong: about 10 minutes
+	PYTHONPATH=tests $(BIN)/python bench/marker_faults.py
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

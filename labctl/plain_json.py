@@ -14,6 +14,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 T = TypeVar("T")
 Reader = Callable[[Any, str], Any]
 
+UNWRITTEN = "not written at its default"
 _KINDS = {str: "text", bool: "true or false", int: "a whole number", float: "a number", NoneType: "null"}
 
 
@@ -23,6 +24,9 @@ class NotPlain(ValueError):
 
 def to_json(value: object, where: str = "", *, lossy: bool = False) -> Any:  # noqa: ANN401 - whatever JSON holds
     """`value` as plain JSON, a dataclass as an object with its fields in order; `where` names it in errors.
+
+    A field whose metadata has `UNWRITTEN` is left out where it has its default: records that were written before
+    there was such a field stay as they are, byte for byte.
 
     `lossy` is for output that is not read back: NaN and infinity become null, numpy's arrays and numbers plain ones,
     and keys need not be text.
@@ -37,7 +41,11 @@ def to_json(value: object, where: str = "", *, lossy: bool = False) -> Any:  # n
     if isinstance(value, (list, tuple)):
         return [to_json(item, f"{where}[{index}]", lossy=lossy) for index, item in enumerate(value)]
     if is_dataclass(value):
-        inside = {field.name: getattr(value, field.name) for field in fields(value)}
+        inside = {
+            field.name: getattr(value, field.name)
+            for field in fields(value)
+            if UNWRITTEN not in field.metadata or getattr(value, field.name) != field.default
+        }
         return {name: to_json(item, _inside(where, name), lossy=lossy) for name, item in inside.items()}
     if isinstance(value, Mapping):
         keys = [key for key in value if not isinstance(key, str)]

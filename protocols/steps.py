@@ -13,6 +13,7 @@ from labctl.config.rig import RigConfig
 from labctl.errors import InstrumentError, Unsafe
 from labctl.instruments.readings import PressureReading
 from labctl.measurement.windows import Window
+from labctl.mocap.gate import gate
 from labctl.mocap.window import average
 from labctl.session.contract import Bench, Step
 
@@ -217,7 +218,8 @@ def _mean_mm(bench: Bench) -> NDArray[np.float64]:
     config = bench.rig.config
     frames, _ = bench.rig.capture(_LOOK_S)
     ids = [point.id for point in config.markers.points]
-    return average(frames, ids, config.measurement.min_share).mean_mm
+    # One frame at 0, 0, 0 would pass for a sheet that moves.
+    return average(gate(frames, ids).frames, ids, config.measurement.min_share).mean_mm
 
 
 def _moved_mm(before_mm: NDArray[np.float64], after_mm: NDArray[np.float64]) -> float:

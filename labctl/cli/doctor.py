@@ -16,10 +16,13 @@ if TYPE_CHECKING:
     from labctl.config.rig import RigConfig
     from labctl.instruments.interfaces import PressureGauge
     from labctl.instruments.readings import Identity, PressureReading
+    from labctl.mocap.gate import GatedFrames
     from labctl.rig.platform import Platform
 
 _MARKER_LOOK_S = 1.0
 _ZERO_LOOK_S = 2.0
+# One may be the noise's.
+_FEWEST_ASTRAY = 2
 
 
 @dataclass(frozen=True)
@@ -230,6 +233,7 @@ def _valves(config: "RigConfig", platform: "Platform") -> list[Finding]:
 
 def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
     from labctl.drivers.opening import open_markers
+    from labctl.mocap.gate import gate
     from labctl.mocap.window import average
     from labctl.rig.marker_feed import MarkerFeed
 
@@ -249,7 +253,8 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
         # What was passed over in the stream stands in the notes by now.
         passed_over = set(source.identify().notes) - set(identity.notes)
     ids = [point.id for point in config.markers.points]
-    window = average(frames, ids)
+    gated = gate(frames, ids)
+    window = average(gated.frames, ids)
     unseen = [str(marker) for marker, seen in zip(ids, window.seen, strict=True) if seen == 0]
     findings = [
         Finding(source.name, "ok", _who(identity)),
@@ -262,7 +267,44 @@ def _markers(config: "RigConfig", platform: "Platform") -> list[Finding]:
     ]
     if unseen:
         findings.append(Finding(source.name, "missing", f"markers never seen: {', '.join(unseen)}"))
-    return findings
+    findings += _astray(source.name, ids, gated, config.measurement.max_left_out)
+    return [*findings, _sheet_witness(config, len(ids) - len(unseen))]
+
+
+def _sheet_witness(config: "RigConfig", seen: int) -> Finding:
+    from labctl.safety.sheet_motion import FEWEST_MARKERS
+
+    limits = config.limits
+    subject = "witness of the gauge"
+    if seen < FEWEST_MARKERS:
+        return Finding(
+            subject,
+            "missing",
+            f"{seen} markers are seen and {FEWEST_MARKERS} are needed: nothing is pressurised without them",
+        )
+    return Finding(
+        subject,
+        "ok",
+        f"the sheet, by {seen} markers: vents when they move on at a standing reading by more than a sheet that "
+        f"comes to rest (limits.sheet_response {limits.sheet_response_s:g} s, limits.sheet_creep "
+        f"{limits.sheet_creep:g}), or are not seen for {limits.unseen_after_s:g} s",
+    )
+
+
+def _astray(name: str, ids: list[int], gated: "GatedFrames", most: float) -> list[Finding]:
+    """Markers of which single frames are far from their median, and those that have too many of them."""
+    told: dict[str, list[str]] = {"ok": [], "missing": []}
+    for marker, shown, out, is_scattered in zip(
+        ids, gated.shown.tolist(), gated.left_out.tolist(), gated.is_scattered.tolist(), strict=True
+    ):
+        if is_scattered or out >= _FEWEST_ASTRAY:
+            hopeless = is_scattered or out > most * shown
+            told["missing" if hopeless else "ok"].append(f"{marker} in {out} of {shown} frames")
+    words = {
+        "ok": "these frames are left out: markers {} far from the median; look for mirrors and sunlight",
+        "missing": "not to be trusted: markers {} far from the median, or all over; look for mirrors and sunlight",
+    }
+    return [Finding(name, kind, words[kind].format(", ".join(each))) for kind, each in told.items() if each]
 
 
 def _guard(config: "RigConfig", platform: "Platform") -> list[Finding]:
@@ -344,6 +386,14 @@ def _protections(config: "RigConfig") -> list[Finding]:
             "missing",
             "none is documented for this board: it keeps its relays when the wire "
             "falls silent. The guard process is the only dead-man; use normally-closed vacuum valves",
+        ),
+        Finding(
+            "false gauge",
+            "unknown",
+            f"a reading that stands over {limits.rest_within_psi:g} psi from its setpoint is vented after "
+            f"{limits.still_after_s:g} s. One that stands nearer, and any that no witness contradicts, lets the "
+            "regulator fill the sheet up to its supply pressure, which cannot be read from here; only the relief "
+            "valve ends that",
         ),
         Finding(
             "relief valve",

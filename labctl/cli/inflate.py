@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from labctl.cli.run.options import SessionOptions
     from labctl.cli.run.session import FinishedRun
-    from labctl.measurement.result import LevelResult
+    from labctl.measurement.result import DoubtedPoint, LevelResult
     from labctl.session.prepare import PreparedRun
 
 
@@ -103,7 +103,12 @@ def _for_machines(finished: "FinishedRun", *, kept: bool) -> dict[str, Any]:
         "safe": finished.safe is not None and finished.safe.safe,
         "simulated_heights_mm": _simulated_mm(finished).round(3),
         "points": level.points_compared,
-        "occluded_samples": [level.frames - seen for seen in level.seen],
+        "occluded_samples": _occluded(level),
+        "left_out_samples": list(level.left_out),
+        "doubted": [
+            {"marker": each.marker_id, "point": each.point, "window": each.window, "why": each.why}
+            for each in _doubted(finished)
+        ],
         "frames": level.frames,
         "pressure_range_psi": (level.lowest_psi, level.highest_psi),
         "channels_on": _channels_on(finished),
@@ -124,7 +129,7 @@ def _for_people(finished: "FinishedRun") -> None:
     click.echo("")
     heights_mm, simulated_mm = _heights_mm(level.heights_mm), _simulated_mm(finished)
     table(
-        ("marker", "x mm", "y mm", "measured mm", "simulated mm", "seen", "occluded"),
+        ("marker", "x mm", "y mm", "measured mm", "simulated mm", "seen", "left out", "occluded"),
         [
             (
                 str(point.id),
@@ -133,14 +138,19 @@ def _for_people(finished: "FinishedRun") -> None:
                 number(heights_mm[row]),
                 number(simulated_mm[row]),
                 str(level.seen[row]),
-                str(level.frames - level.seen[row]),
+                str(level.left_out[row] if level.left_out else 0),
+                str(_occluded(level)[row]),
             )
             for row, point in enumerate(config.markers.points)
         ],
     )
     click.echo("")
     heights = zip(config.markers.points, heights_mm, strict=True)
-    unmeasured = [str(point.id) for point, height_mm in heights if isnan(height_mm)]
+    doubted = _doubted(finished)
+    known = {each.marker_id for each in doubted}
+    unmeasured = [str(point.id) for point, height_mm in heights if isnan(height_mm) and point.id not in known]
+    for each in doubted:
+        click.echo(each.describe())
     if unmeasured:
         click.echo(f"not measured, too rarely seen: markers {', '.join(unmeasured)}")
     if level.e_t_percent is not None:
@@ -149,6 +159,18 @@ def _for_people(finished: "FinishedRun") -> None:
         )
     if finished.safe is not None:
         click.echo(finished.safe.describe())
+
+
+def _occluded(level: "LevelResult") -> list[int]:
+    """In how many frames each marker was not shown."""
+    left_out = level.left_out or (0,) * len(level.seen)
+    return [level.frames - seen - out for seen, out in zip(level.seen, left_out, strict=True)]
+
+
+def _doubted(finished: "FinishedRun") -> "tuple[DoubtedPoint, ...]":
+    """The points that were there and are not taken for seen."""
+    result = finished.trials[-1].result
+    return () if result is None else result.doubted_at(_level(finished))
 
 
 def _level(finished: "FinishedRun") -> "LevelResult":

@@ -133,6 +133,9 @@ def _print_trials(trials: "tuple[TrialRecord, ...]") -> None:
     for trial in trials:
         if trial.reason:
             _print(f"trial {trial.number}, attempt {trial.attempt}, {trial.outcome}: {trial.reason}")
+    for trial in trials:
+        for each in () if trial.result is None else trial.result.doubted:
+            _print(f"trial {trial.number}, attempt {trial.attempt}, {each.describe()}")
 
 
 def _trial_cells(trial: "TrialRecord") -> tuple[str, ...]:

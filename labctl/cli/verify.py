@@ -129,6 +129,7 @@ def _trial_lines(trials: "Sequence[TrialVerification]") -> Iterator[str]:
                 f"{counted(len(trial.files), 'file')} as recorded" if trial.files else "nothing was recorded"
             )
             yield f"{head}: {files}; there are no numbers to recompute"
+        yield from (f"    {note}" for note in trial.notes)
 
 
 def _summary_lines(summary: "Sequence[Difference] | None") -> Iterator[str]:
@@ -190,6 +191,7 @@ def _for_machines(
                 "recomputed": trial.recomputed,
                 "problems": trial.problems,
                 "differences": trial.differences,
+                "notes": trial.notes,
             }
             for trial in verification.trials
         ],

@@ -144,7 +144,7 @@ class Limits:
     vent_timeout_s: float = 10.0
     follow_within_psi: float = 1.0
     follow_timeout_s: float = 5.0
-    rest_within_psi: float = 0.03
+    rest_within_psi: float = 0.02
     still_after_s: float = 0.75
     sheet_response_s: float = 1.8
     sheet_creep: float = 0.05
@@ -199,11 +199,15 @@ class MeasurementConfig:
 
     Still: over `still_over_s` the markers move by less than `still_mm`, root mean square; the uninflated sheet within
     `relax_timeout_s`, the inflated one within `shape_timeout_s`. A trial counts when at least `min_points` markers
-    were seen in at least `min_share` of a window's frames.
+    were seen in at least `min_share` of a window's frames. Single frames far from a marker's median are left out: a
+    marker that has more than `max_left_out` of its frames left out is not seen, and a window in which more than
+    `max_left_out_of_all` of all samples are does not count.
     """
 
     min_points: int
     min_share: float = 0.5
+    max_left_out: float = 0.25
+    max_left_out_of_all: float = 0.1
     still_mm: float = 0.05
     still_over_s: float = 5.0
     relax_timeout_s: float = 600.0

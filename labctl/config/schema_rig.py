@@ -334,6 +334,11 @@ class MeasurementSection(Section):
     min_share: Annotated[float, PlainValidator(Number(Range(0, 1, above_low=True)))] = (
         MeasurementConfig.min_share
     )
+    # From half on the median itself is wrong.
+    max_left_out: Annotated[float, PlainValidator(Number(Range(0, 0.4)))] = MeasurementConfig.max_left_out
+    max_left_out_of_all: Annotated[float, PlainValidator(Number(Range(0, 0.4)))] = (
+        MeasurementConfig.max_left_out_of_all
+    )
     still_within: Annotated[float, PlainValidator(Quantity(LENGTH, Range(0, 10, above_low=True)))] = (
         MeasurementConfig.still_mm
     )
@@ -356,6 +361,8 @@ class MeasurementSection(Section):
         return MeasurementConfig(
             min_points=self.min_points or max(3, math.ceil(SHARE_OF_POINTS * markers)),
             min_share=self.min_share,
+            max_left_out=self.max_left_out,
+            max_left_out_of_all=self.max_left_out_of_all,
             still_mm=self.still_within,
             still_over_s=self.still_over,
             relax_timeout_s=self.relax_timeout,

@@ -142,7 +142,10 @@ class Chamber:
 
     def tare(self, error: SensorError = NO_ERROR) -> None:
         """Call what the sensor shows zero, whatever the pressure is."""
-        self.tare_psi = self._shown_psi(error)
+        shown_psi = self._shown_psi(error)
+        # What is shown next is tared already.
+        self.measured_psi -= shown_psi - self.tare_psi
+        self.tare_psi = shown_psi
 
     def _shown_psi(self, error: SensorError) -> float:
         return error.gain * self.pressure_psi + error.offset_psi + self._wandered_psi

@@ -7,7 +7,18 @@ from typing import Literal
 
 Instrument = Literal["regulator", "valves", "markers", "gauge"]
 Argument = Literal[
-    "", "seconds", "psi", "psi-per-second", "count", "channel", "percent", "offset", "drift", "factor"
+    "",
+    "seconds",
+    "psi",
+    "psi-per-second",
+    "count",
+    "channel",
+    "percent",
+    "mm",
+    "markers",
+    "offset",
+    "drift",
+    "factor",
 ]
 
 
@@ -102,6 +113,18 @@ _VALVES = {
 
 _MARKERS = {
     "blind": FaultKind("every marker is occluded"),
+    "outliers": FaultKind("VALUE per cent of a marker's frames at 0, 0, 0 with a good condition", "percent"),
+    "scattered": FaultKind("VALUE per cent of a marker's frames anywhere within 3 m", "percent"),
+    "twice": FaultKind(
+        "a second record of a marker's id elsewhere in VALUE per cent of the frames", "percent"
+    ),
+    "not-a-number": FaultKind("VALUE per cent of a marker's frames NaN or infinite", "percent"),
+    "burst": FaultKind("a marker at one wrong place for VALUE seconds, once in 2 s", "seconds"),
+    "mirrored": FaultKind("a marker VALUE mm above where it is", "mm"),
+    "swapped": FaultKind(
+        "the markers have each the next one's place, for SECONDS where they are named", "markers"
+    ),
+    "ghosts": FaultKind("VALUE records of ids that no marker has", "count"),
     "bad-checksum": FaultKind("of a packet in VALUE per cent of the frames", "percent"),
     "interleaved": FaultKind("events and other data stand within a frame"),
     "filter-frames": FaultKind("a filter's frames come beside the raw ones"),
@@ -115,6 +138,9 @@ _MARKERS = {
     "partial-record": FaultKind("every hundredth frame is a byte short"),
     "impossible-size": FaultKind("every hundredth frame announces more than 4 MiB"),
 }
+
+#: Kinds that may name the markers that have them, as in outliers:5,3+7; the first marker where none is named.
+OF_SOME_MARKERS = frozenset({"outliers", "scattered", "twice", "not-a-number", "burst", "mirrored"})
 
 #: Per instrument its kinds of fault.
 KINDS: Mapping[Instrument, Mapping[str, FaultKind]] = MappingProxyType(

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 from labctl.clock import Clock
-from labctl.doubles.fault_kinds import KINDS, Argument, Instrument
+from labctl.doubles.fault_kinds import KINDS, OF_SOME_MARKERS, Argument, Instrument
 from labctl.errors import BadInput
 
 # Those that may be negative.
@@ -15,7 +15,7 @@ _WHOLE = frozenset({"count", "channel"})
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of one instrument, of a kind that `labctl.doubles.fault_kinds` has, with the kind's argument.
+    """One fault of one instrument: a kind of `labctl.doubles.fault_kinds`, its argument, and which markers have it.
 
     It begins once the plant time is `from_s` and the plant's pressure has been `from_psi`, for good.
     """
@@ -24,6 +24,7 @@ class Fault:
     value: float = 0.0
     from_s: float = 0.0
     from_psi: float = 0.0
+    ids: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,9 @@ def _format_allowed() -> str:
             name + (f":{kind.argument.upper()}" if kind.argument else "") for name, kind in kinds.items()
         )
         parts.append(f"{instrument}= {', '.join(shown)}")
+    some = f"{', '.join(sorted(OF_SOME_MARKERS))} may name markers, as in outliers:5,3+7; swapped:3+7,SECONDS ends"
     when = "each may end in @SECONDS or @PSIpsi, the plant's time or pressure at which it begins"
-    return "; ".join((*parts, when))
+    return "; ".join((*parts, some, when))
 
 
 def _parse_kind(text: str, instrument: Instrument, rest: str) -> Fault:
@@ -91,12 +93,38 @@ def _parse_kind(text: str, instrument: Instrument, rest: str) -> Fault:
     if bool(argument) != bool(colon):
         advice = f"write {instrument}={kind}:{argument.upper()}" if argument else "it takes no value"
         raise BadInput(f"fault {text!r}: {advice}")
-    value = _number(text, argument, value_text) if argument else 0.0
+    fault = _valued(text, kind, argument, value_text)
     if not at:
-        return Fault(kind, value)
+        return fault
     if from_text.endswith("psi"):
-        return Fault(kind, value, from_psi=_number(text, "psi", from_text.removesuffix("psi")))
-    return Fault(kind, value, from_s=_number(text, "seconds", from_text))
+        return replace(fault, from_psi=_number(text, "psi", from_text.removesuffix("psi")))
+    return replace(fault, from_s=_number(text, "seconds", from_text))
+
+
+def _valued(text: str, kind: str, argument: Argument, value_text: str) -> Fault:
+    """The fault with its value and the markers that it names."""
+    if not argument:
+        return Fault(kind)
+    if argument == "markers":
+        ids_text, _, lasts_text = value_text.partition(",")
+        ids = _ids(text, ids_text)
+        if len(ids) < 2:
+            raise BadInput(
+                f"fault {text!r}: places are changed by two markers or more, as in markers=swapped:3+7"
+            )
+        return Fault(kind, _number(text, "seconds", lasts_text) if lasts_text else 0.0, ids=ids)
+    if kind in OF_SOME_MARKERS:
+        value_text, comma, ids_text = value_text.partition(",")
+        ids = _ids(text, ids_text) if comma else ()
+        return Fault(kind, _number(text, argument, value_text.removesuffix("%")), ids=ids)
+    return Fault(kind, _number(text, argument, value_text))
+
+
+def _ids(text: str, ids_text: str) -> tuple[int, ...]:
+    words = [word.strip() for word in ids_text.split("+")]
+    if not all(word.isdecimal() for word in words) or len(set(words)) < len(words):
+        raise BadInput(f"fault {text!r}: {ids_text!r} are no marker ids; write them as 3+7, each once")
+    return tuple(int(word) for word in words)
 
 
 def _number(text: str, what: Argument, value_text: str) -> float:

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.config.rig import MarkerPoint
+from labctl.doubles.faults import FaultPanel
+from labctl.doubles.marker_faults import GARBAGE_MM, HIDDEN_COND, VISIBLE_COND, MarkerBatch, MarkerFaults
 from labctl.errors import BadInput
 
 _INNER_MM = (17.5, 52.5, 87.5, 122.5)
@@ -20,10 +22,6 @@ DEFAULT_POINTS = tuple(
         for y_mm in (_INNER_MM[1:3] if x_mm in _EDGES_MM else _INNER_MM)
     )
 )
-
-VISIBLE_COND = 2.0
-HIDDEN_COND = -1.0
-_GARBAGE_MM = 3000.0
 
 
 @dataclass(frozen=True)
@@ -82,29 +80,23 @@ class MarkerSettings:
             raise BadInput(f"simulated markers: dropout {self.dropout} must be at least 0 and below 1")
 
 
-@dataclass(frozen=True)
-class MarkerBatch:
-    """Frames in the order of their times.
+class Cameras:
+    """Frames at a steady frequency; what they show is drawn in the frames' order, so a seed replays it.
 
-    `times_s` (k,); `numbers` (k,) counting every frame from 0, sent or not; `positions_mm` (k, n, 3) in the
-    laboratory's frame; `cond` (k, n), at most 0 where a marker is hidden and its position garbage.
+    With a `panel`, as its faults have it.
     """
 
-    times_s: NDArray[np.float64]
-    numbers: NDArray[np.int64]
-    positions_mm: NDArray[np.float64]
-    cond: NDArray[np.float64]
-
-    def __len__(self) -> int:
-        return len(self.times_s)
-
-
-class Cameras:
-    """Frames at a steady frequency; what they show is drawn in the frames' order, so a seed replays it."""
-
-    def __init__(self, settings: MarkerSettings, rng: np.random.Generator, start_s: float) -> None:
+    def __init__(
+        self,
+        settings: MarkerSettings,
+        rng: np.random.Generator,
+        start_s: float,
+        panel: FaultPanel | None = None,
+    ) -> None:
         self._settings = settings
-        self._noise, self._bursts, self._garbage, self._drops = rng.spawn(4)
+        self._noise, self._bursts, self._garbage, self._drops, faults_rng = rng.spawn(5)
+        self._ids = np.array([point.id for point in settings.points], dtype=np.int64)
+        self._faults = None if panel is None else MarkerFaults(panel, settings.points, faults_rng)
         self._hidden_until_s = np.full(len(settings.points), -math.inf)
         self._next_s = start_s
         self._number = 0
@@ -125,10 +117,12 @@ class Cameras:
         positions = self._settings.frame.from_sheet(self._between(now_s, times_s, sheet_points_mm))
         positions += self._noise.standard_normal(positions.shape) * self._settings.noise_sd_mm
         hidden = self._occlusions(times_s, 1 / frequency_hz)
-        positions[hidden] = self._garbage.uniform(-_GARBAGE_MM, _GARBAGE_MM, (int(hidden.sum()), 3))
+        positions[hidden] = self._garbage.uniform(-GARBAGE_MM, GARBAGE_MM, (int(hidden.sum()), 3))
         cond = np.where(hidden, HIDDEN_COND, VISIBLE_COND)
         sent = self._drops.random(count) >= self._settings.dropout
-        return MarkerBatch(times_s[sent], numbers[sent], positions[sent], cond[sent])
+        ids = np.broadcast_to(self._ids, (int(sent.sum()), len(self._ids)))
+        batch = MarkerBatch(times_s[sent], numbers[sent], positions[sent], cond[sent], ids)
+        return batch if self._faults is None else self._faults.shown(batch)
 
     def skip_to(self, now_s: float) -> None:
         """Leave out the frames up to now: nobody was asking for them."""

@@ -1,13 +1,15 @@
 """A PhaseSpace server, whatever carries its bytes: several clients, one stream of marker frames."""
 
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labctl.clock import Clock
 from labctl.doubles.line_faults import Delivery, LineFaults
-from labctl.doubles.markers import Cameras, MarkerBatch, MarkerSettings
+from labctl.doubles.marker_faults import MarkerBatch
+from labctl.doubles.markers import Cameras, MarkerSettings
 from labctl.doubles.phasespace_faults import FrameFaults
 from labctl.doubles.phasespace_hub import NAMES, Hub
 from labctl.doubles.phasespace_packets import encode_frames, take_packet
@@ -103,10 +105,9 @@ class PhaseSpaceDevice:
         self._plant = plant
         self._clock = clock
         self._origin_s = clock.now_s() - plant.state().time_s
-        self._cameras = Cameras(settings, rng, plant.state().time_s)
+        self._cameras = Cameras(settings, rng, plant.state().time_s, faults.panel)
         self._frame_faults = FrameFaults(faults.panel, rng.spawn(1)[0])
-        self._ids = np.array([point.id for point in settings.points], dtype=np.int64)
-        self._hub = Hub(int(number) for number in self._ids)
+        self._hub = Hub(point.id for point in settings.points)
         self._clients: list[ClientEnd] = []
         self.broadcasts: deque[bytes] = deque(maxlen=BACKLOG_DATAGRAMS)
 
@@ -159,10 +160,9 @@ class PhaseSpaceDevice:
 
     def _encoded(self, batch: MarkerBatch, counts: NDArray[np.int64], data_name: int | None) -> list[bytes]:
         is_dark = self._hub.led_power == 0 or self.faults.panel.active("blind")
-        seen = MarkerBatch(
-            batch.times_s,
-            batch.numbers,
-            batch.positions_mm * self._hub.scale,
-            np.full_like(batch.cond, -1.0) if is_dark else batch.cond,
+        seen = replace(
+            batch,
+            positions_mm=batch.positions_mm * self._hub.scale,
+            cond=np.full_like(batch.cond, -1.0) if is_dark else batch.cond,
         )
-        return encode_frames(seen, self._ids, counts, NAMES["raw"], data_name)
+        return encode_frames(seen, batch.ids, counts, NAMES["raw"], data_name)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labctl.doubles.markers import MarkerBatch
+from labctl.doubles.marker_faults import MarkerBatch
 
 HEADER_BYTES = 16
 MAX_PAYLOAD_BYTES = 4 << 20

@@ -65,6 +65,13 @@ class DoublesSettings:
                 "a single-valve regulator cannot vent, and no rig.toml may hold one alone; give the simulated rig "
                 "a dump valve too (--dump-channel)"
             )
+        known = {point.id for point in self.markers.points}
+        for fault in self.faults.markers:
+            if unknown := sorted(set(fault.ids) - known):
+                raise BadInput(
+                    f"fault markers={fault.kind}: no marker has the id {', '.join(map(str, unknown))}; the simulated "
+                    f"markers are {', '.join(map(str, sorted(known)))}"
+                )
         if self.dump_channel is not None:
             self._check_channel("the dump valve", self.dump_channel)
             for fiber in self.design.fibers:

@@ -22,6 +22,9 @@ ADDRESS_REGISTER = 0x4000
 VERSION_REGISTER = 0x8000
 # A single coil takes 25 to 45 ms at 9600 baud, eight no longer: so much a channel is enough for what a call does.
 _WRITE_S, _WRITE_SINGLY_S, _FIND_S = 0.04, 0.06, 0.12
+# Each way that a board does not know goes unanswered, and the link gets in step again after it: by a question of the
+# same shape after 2 s of silence only (labctl.links.modbus_resync).
+_LEAST_FIND_S, _LEAST_WRITE_S = 3.2, 0.6
 
 
 class WaveshareRelay:
@@ -204,13 +207,13 @@ class WaveshareRelay:
 
     def _write_s(self) -> float:
         if self._coils.way is None:
-            return _FIND_S * self.channels
+            return max(_LEAST_FIND_S + _LEAST_WRITE_S, _FIND_S * self.channels)
         return (_WRITE_SINGLY_S if self._coils.writes_singly else _WRITE_S) * self.channels
 
     def _find_s(self) -> float:
         """What a call may take that names no time: more while the way to read is unknown, or where it is slow."""
         if self._coils.way is None:
-            return _FIND_S * self.channels
+            return max(_LEAST_FIND_S, _FIND_S * self.channels)
         return _WRITE_SINGLY_S * self.channels if self._coils.way == "singly" else 0.0
 
     def _deadline(self, timeout_s: float | None, own_s: float = 0.0) -> Deadline:

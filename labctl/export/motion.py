@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from labctl.errors import LabError
 from labctl.measurement.clock_fit import lab_times_s
 from labctl.measurement.recording import Recording
+from labctl.measurement.uninflated import uninflated_sheet
 from labctl.measurement.windows import Window
-from labctl.mocap.errors import FrameRefused
-from labctl.mocap.sheet_frame import SheetFrame, fit_sheet_frame
+from labctl.mocap.sheet_frame import SheetFrame
 from labctl.mocap.window import samples
 
 # A server's clock that leaps leaves a gap that no recording has.
@@ -76,18 +76,8 @@ def motion_of(recording: Recording, windows: Sequence[Window]) -> Motion:
 
 def sheet_frame_of(recording: Recording, windows: Sequence[Window]) -> SheetFrame | None:
     """The sheet frame that the uninflated markers fix; None where they were not captured well enough."""
-    baselines = [window for window in windows if window.kind == "baseline"]
-    if len(baselines) != 1:
-        return None
-    markers = recording.window_between(baselines[0].start_s, baselines[0].end_s)
-    if markers is None:
-        return None
-    points = recording.basis.points
-    sheet_mm = [(point.x_mm, point.y_mm) for point in points]
-    try:
-        return fit_sheet_frame([point.id for point in points], sheet_mm, markers.mean_mm, recording.basis.up)
-    except FrameRefused:
-        return None
+    sheet, _ = uninflated_sheet(recording, windows)
+    return None if sheet is None else sheet.frame
 
 
 def _require_no_leap(time_s: NDArray[np.float64]) -> None:

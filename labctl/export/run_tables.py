@@ -43,6 +43,8 @@ COLUMNS: Mapping[str, str] = {
     "simulated_mm": "simulated height above the uninflated sheet, mm",
     "error_percent": "|r - s| of e_t at this point, percent of the greatest height",
     "seen": "frames of the window in which the marker was seen",
+    "left_out": "frames that showed the marker far from its own median and do not count; missing where none could be",
+    "doubt": "why the point has no height although its marker was there",
     "asked_s": "laboratory's clock when the regulator was asked, s",
     "came_s": "laboratory's clock when its answer had come, s",
     "gauge_psi": "gauge pressure, psi",

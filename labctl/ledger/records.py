@@ -13,6 +13,7 @@ from labctl.measurement.windows import Window
 
 Json = Mapping[str, Any]
 Outcome = Literal["good", "failed", "aborted"]
+_LEFT_OUT = ("max_left_out", "max_left_out_of_all")
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,8 @@ class RunRecord:
                 for simulated in self.simulated_heights
                 if simulated.pattern == pattern
             },
+            # Runs recorded before these limits were known have their defaults.
+            **{name: float(measurement[name]) for name in _LEFT_OUT if name in measurement},
         )
 
 

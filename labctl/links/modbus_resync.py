@@ -113,11 +113,24 @@ class ModbusResync:
     def _read(self, probe: Probe, deadline: Deadline) -> None:
         request = probe.request()
         sent = self._channel.framer.buildFrame(request)
-        sends = self._clock.now_s() - self._awaited_since_s.get(probe.shape, -HOLD_S) >= HOLD_S
-        if sends:
+        hold_s = self._awaited_since_s.get(probe.shape, -HOLD_S) + HOLD_S - self._clock.now_s()
+        if 0 < hold_s < deadline.remaining_s():
+            try:
+                self._await(probe, request, sent, Deadline(self._clock, hold_s), sends=False)
+            except NoAnswer:
+                hold_s = 0.0
+            else:
+                return
+        if hold_s <= 0:
             self._channel.discard_late_replies(deadline)
             self._awaited_since_s[probe.shape] = self._clock.now_s()
             self._channel.write(sent, deadline)
+        self._await(probe, request, sent, deadline, sends=hold_s <= 0)
+
+    def _await(
+        self, probe: Probe, request: ModbusPDU, sent: bytes, deadline: Deadline, *, sends: bool
+    ) -> None:
+        """Read up to the probe's reply; `sends`: it was sent just now."""
         echoed = False
         while True:
             try:

@@ -1,8 +1,16 @@
 """What is derived from one trial's recording. Plain numbers, so that JSON holds them to the last bit."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
+
+from labctl.plain_json import UNWRITTEN
 
 Heights = tuple[float | None, ...]
+
+
+def since(law: int, default: object) -> Any:  # noqa: ANN401 - a field of any type
+    """A field that results of an earlier law do not have: where it has its default it is not written at all."""
+    return field(default=default, metadata={UNWRITTEN: law})
 
 
 @dataclass(frozen=True)
@@ -26,8 +34,9 @@ class LevelResult:
     """One pressure level.
 
     Over the m points: `heights_mm` above the uninflated sheet, `height_sd_mm` over the window's frames, None where
-    not seen; `seen` frames. `per_point_percent` is |r - s| of e_t, None where not compared. `e_t_percent` is None
-    where nothing was simulated or too little was seen.
+    not seen; `seen` frames, and `left_out` ones, which showed it far from its median and do not count (empty by
+    law 1, which leaves none out). `per_point_percent` is |r - s| of e_t, None where not compared. `e_t_percent` is
+    None where nothing was simulated or too little was seen.
     """
 
     pressure_psi: float
@@ -41,6 +50,34 @@ class LevelResult:
     points_compared: int
     per_point_percent: Heights
     e_t_percent: float | None
+    left_out: tuple[int, ...] = since(2, ())
+
+
+def level_name(pressure_psi: float) -> str:
+    """How a level's window is called in problems and doubts."""
+    return f"{pressure_psi:g} psi"
+
+
+@dataclass(frozen=True)
+class DoubtedPoint:
+    """A point that is not taken for seen although its marker was: `point` counts from 1 in the rig's order.
+
+    `window` is "baseline", "3.9 psi" or "relaxing"; `why` is for a person.
+    """
+
+    marker_id: int
+    point: int
+    x_mm: float
+    y_mm: float
+    window: str
+    why: str
+
+    def describe(self) -> str:
+        """One line for a person."""
+        return (
+            f"{self.window}: marker {self.marker_id} (point {self.point}, at {self.x_mm:g}, {self.y_mm:g} mm) is not "
+            f"taken for seen: {self.why}"
+        )
 
 
 @dataclass(frozen=True)
@@ -65,7 +102,9 @@ class RelaxationResult:
 class TrialResult:
     """Everything derived from one recording; `problems` are why it does not count, and is empty where it does.
 
-    `frame_residual_mm` is how far the uninflated markers are from their sheet points (root mean square).
+    `frame_residual_mm` is how far the uninflated markers are from their sheet points (root mean square). `law` is the
+    one that the heights were made by (`labctl.measurement.law`); `doubted` are points that were left out by it, and
+    `baseline_left_out` are the frames of the baseline that were, over the m points.
     """
 
     clock: ClockFit | None
@@ -73,3 +112,11 @@ class TrialResult:
     levels: tuple[LevelResult, ...]
     relaxation: RelaxationResult | None
     problems: tuple[str, ...]
+    law: int = since(2, 1)
+    doubted: tuple[DoubtedPoint, ...] = since(2, ())
+    baseline_left_out: tuple[int, ...] = since(2, ())
+
+    def doubted_at(self, level: LevelResult) -> tuple[DoubtedPoint, ...]:
+        """The points that have no height at a level because they were doubted, there or on the uninflated sheet."""
+        windows = ("baseline", level_name(level.pressure_psi))
+        return tuple(each for each in self.doubted if each.window in windows)

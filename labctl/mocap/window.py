@@ -72,6 +72,14 @@ def average(frames: MarkerFrames, ids: Sequence[int], min_share: float = MIN_SHA
 
 def samples(frames: MarkerFrames, ids: Sequence[int]) -> tuple[NDArray[np.float64], int]:
     """Positions (frames, m, 3) in mm, NaN where not seen; and how many samples were of other markers."""
+    return sample_places(frames, ids)[0], int((~np.isin(frames.ids, list(ids))).sum())
+
+
+def sample_places(frames: MarkerFrames, ids: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Positions (frames, m, 3) in mm, NaN where not seen, and which of the frames' samples each is, (frames, m).
+
+    Where not seen, the second is -1.
+    """
     requested = np.array(ids, dtype=np.int64)
     order = np.argsort(requested)
     nearest = np.searchsorted(requested, frames.ids, sorter=order).clip(max=len(requested) - 1)
@@ -85,4 +93,6 @@ def samples(frames: MarkerFrames, ids: Sequence[int]) -> tuple[NDArray[np.float6
     is_good = is_known & is_seen & is_once[cell]
     samples_mm = np.full((len(frames), len(requested), 3), np.nan)
     samples_mm[row[is_good], column[is_good]] = frames.positions_mm[is_good]
-    return samples_mm, int((~is_known).sum())
+    sources = np.full((len(frames), len(requested)), -1, dtype=np.int64)
+    sources[row[is_good], column[is_good]] = np.flatnonzero(is_good)
+    return samples_mm, sources

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import Any
 
 from labctl.config.load import design_from_text
-from labctl.config.rig import RigConfig
+from labctl.config.rig import MeasurementConfig, RigConfig
 from labctl.errors import BadInput
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.records import RunRecord
@@ -25,6 +25,11 @@ _MAY_DIFFER = frozenset(
         *("gauge", "tare_within_psi", "gauge_agreement_psi"),
     }
 )
+# Keys that rigs recorded earlier do not have, with what they then stand for.
+_ADDED: Mapping[str, Any] = {
+    "max_left_out": MeasurementConfig.max_left_out,
+    "max_left_out_of_all": MeasurementConfig.max_left_out_of_all,
+}
 _MOST_NAMED = 6
 
 
@@ -115,7 +120,11 @@ def changed_instruments(run: RunRecord, rig: Rig) -> tuple[str, ...]:
 def _differences(before: Mapping[str, Any], after: Mapping[str, Any], path: str) -> Sequence[str]:
     found: list[str] = []
     for key in before.keys() | after.keys():
-        old, new, name = _by_place(before.get(key)), _by_place(after.get(key)), f"{path}{key}"
+        old, new, name = (
+            _by_place(before.get(key, _ADDED.get(key))),
+            _by_place(after.get(key)),
+            f"{path}{key}",
+        )
         if key in _MAY_DIFFER:
             continue
         if isinstance(old, Mapping) and isinstance(new, Mapping):

@@ -27,7 +27,8 @@ _POINT_COLUMNS = {
     "pressure_psi": _NUMBER,
     **dict.fromkeys(("point", "marker_id"), _WHOLE),
     **dict.fromkeys(("x_mm", "y_mm", "height_mm", "height_sd_mm", "simulated_mm", "error_percent"), _NUMBER),
-    **dict.fromkeys(("seen", "frames"), _WHOLE),
+    **dict.fromkeys(("seen", "left_out", "frames"), _WHOLE),
+    "doubt": _TEXT,
 }
 
 
@@ -78,6 +79,8 @@ def points_table(run: RunRecord, trials: Sequence[TrialRecord]) -> pd.DataFrame:
         basis = run.basis(trial.pattern)
         for level in trial.levels:
             simulated_mm = basis.simulated_mm.get(level.pressure_psi) or (None,) * len(basis.points)
+            doubted = () if trial.result is None else trial.result.doubted_at(level)
+            doubts = {each.point: f"{each.window}: {each.why}" for each in doubted}
             head = _head(run, trial) | {"pressure_psi": level.pressure_psi, "frames": level.frames}
             rows += [
                 head
@@ -91,6 +94,8 @@ def points_table(run: RunRecord, trials: Sequence[TrialRecord]) -> pd.DataFrame:
                     "simulated_mm": simulated_mm[index],
                     "error_percent": level.per_point_percent[index],
                     "seen": level.seen[index],
+                    "left_out": level.left_out[index] if level.left_out else None,
+                    "doubt": doubts.get(index + 1, ""),
                 }
                 for index, point in enumerate(basis.points)
             ]

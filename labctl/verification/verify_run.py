@@ -10,6 +10,8 @@ from labctl.ledger.raw.check import file_problem
 from labctl.ledger.raw.recording import read_frames, read_pressures
 from labctl.ledger.records import EventRecord, RunRecord, TrialRecord
 from labctl.measurement.derive import derive
+from labctl.measurement.law import KNOWN, NEWEST
+from labctl.measurement.result import TrialResult
 from labctl.plain_json import to_json
 from labctl.statistics.summary import summarise
 from labctl.verification.differences import Difference, differences
@@ -22,7 +24,8 @@ _STREAMS = ("frames", "pressures")
 class TrialVerification:
     """One attempt: what is wrong with its files and record, and which of its numbers do not come out again.
 
-    `files` are those looked at; `recomputed` is False where there was no recording or no number to recompute.
+    `files` are those looked at; `recomputed` is False where there was no recording or no number to recompute. `notes`
+    are what the newest law of measurement says of a result that an earlier one made; they are no disagreement.
     """
 
     number: int
@@ -32,6 +35,7 @@ class TrialVerification:
     recomputed: bool
     problems: tuple[str, ...]
     differences: tuple[Difference, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def agrees(self) -> bool:
@@ -84,10 +88,11 @@ def verify_trial(folder: Path, run: RunRecord, trial: TrialRecord) -> TrialVerif
     """Look at one attempt's raw files, which are in the ledger's folder, and recompute its numbers from them."""
     problems = [problem for file in trial.raw.values() if (problem := file_problem(folder, file)) is not None]
     found: tuple[Difference, ...] = ()
+    notes: tuple[str, ...] = ()
     recomputed = False
     if not problems and trial.result is not None and all(stream in trial.raw for stream in _STREAMS):
         try:
-            found = _recompute(folder, run, trial)
+            found, notes = _by_its_law(folder, run, trial, trial.result)
             recomputed = True
         except LabError as error:
             problems.append(str(error))
@@ -101,17 +106,51 @@ def verify_trial(folder: Path, run: RunRecord, trial: TrialRecord) -> TrialVerif
         recomputed=recomputed,
         problems=tuple(problems),
         differences=found,
+        notes=notes,
     )
 
 
-def _recompute(folder: Path, run: RunRecord, trial: TrialRecord) -> tuple[Difference, ...]:
-    result = derive(
+def _derived(folder: Path, run: RunRecord, trial: TrialRecord, law: int) -> TrialResult:
+    return derive(
         read_frames(folder / trial.raw["frames"].path),
         read_pressures(folder / trial.raw["pressures"].path),
         trial.windows,
         run.basis(trial.pattern),
+        law,
     )
-    return differences(to_json(trial.result), to_json(result, "result"))
+
+
+def _by_its_law(
+    folder: Path, run: RunRecord, trial: TrialRecord, stored: TrialResult
+) -> tuple[tuple[Difference, ...], tuple[str, ...]]:
+    """What does not come out again by the law that a result was made by, and what the newest law says of it."""
+    if stored.law not in KNOWN:
+        raise LabError(
+            f"the numbers were made by law {stored.law} of measurement, and this version knows "
+            f"{', '.join(map(str, KNOWN))}; verify the run with the version that recorded it"
+        )
+    found = differences(to_json(stored), to_json(_derived(folder, run, trial, stored.law), "result"))
+    if stored.law == NEWEST:
+        return found, ()
+    newest = _derived(folder, run, trial, NEWEST)
+    told = [each.describe() for each in newest.doubted]
+    told += [problem for problem in newest.problems if problem not in stored.problems]
+    head = f"made by law {stored.law} of measurement, and verified by it; by law {NEWEST}, which is used now,"
+    if not told:
+        farthest_mm = _farthest_mm(stored, newest)
+        return found, (f"{head} every height would be the same to {farthest_mm:.2g} mm",)
+    return found, (f"{head} this would be said of it:", *told)
+
+
+def _farthest_mm(one: TrialResult, other: TrialResult) -> float:
+    """The largest difference between two results' heights, in mm."""
+    apart_mm = [
+        abs(a - b)
+        for level, again in zip(one.levels, other.levels, strict=True)
+        for a, b in zip(level.heights_mm, again.heights_mm, strict=True)
+        if a is not None and b is not None
+    ]
+    return max(apart_mm, default=0.0)
 
 
 def _good_problems(trial: TrialRecord, recomputed: bool) -> list[str]:

@@ -68,6 +68,16 @@ def test_the_doctor_finds_every_instrument_and_energises_nothing(lab):
     lab.assert_untouched()
 
 
+def test_the_doctor_states_who_bears_witness_to_the_gauge_and_what_remains(lab, lab_with):
+    done = lab("doctor", "--rig", lab.rig)
+    assert "ok      witness of the gauge: the sheet, by 16 markers" in done.out
+    assert "fill the sheet up to its supply pressure" in done.out
+
+    blind = lab_with("markers=blind")
+    done = blind("doctor", "--rig", blind.rig)
+    assert "missing witness of the gauge: 0 markers are seen and 3 are needed" in done.out
+
+
 @pytest.mark.parametrize("instrument", ["regulator", "valves", "markers"])
 def test_the_doctor_names_an_instrument_that_does_not_answer(lab_with, instrument):
     lab = lab_with(f"{instrument}=silent")

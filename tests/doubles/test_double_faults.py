@@ -24,6 +24,23 @@ def test_a_gauge_may_be_off_in_either_direction():
     )
 
 
+def test_faults_of_markers_may_name_them():
+    words = [
+        "outliers:5%",
+        "outliers:1,3",
+        "scattered:20%,3+7+9@2.5psi",
+        "swapped:5+9",
+        "swapped:5+9+2,1.5@12",
+    ]
+    assert parse_faults([f"markers={word}" for word in words]).markers == (
+        Fault("outliers", 5.0),
+        Fault("outliers", 1.0, ids=(3,)),
+        Fault("scattered", 20.0, from_psi=2.5, ids=(3, 7, 9)),
+        Fault("swapped", ids=(5, 9)),
+        Fault("swapped", 1.5, from_s=12.0, ids=(5, 9, 2)),
+    )
+
+
 @pytest.mark.parametrize(
     ("word", "message"),
     [
@@ -32,6 +49,9 @@ def test_a_gauge_may_be_off_in_either_direction():
         ("valves=stuck-exhaust", "valves has no fault 'stuck-exhaust'; allowed: .*valves= .*stuck-coils"),
         ("markers=late", "write markers=late:SECONDS"),
         ("markers=silent:3", "it takes no value"),
+        ("regulator=drifting-sensor", "write regulator=drifting-sensor:PSI-PER-SECOND"),
+        ("regulator=drifting-sensor:-1", "psi-per-second is '-1'; it must be a number of at least 0"),
+        ("markers=frozen-answer", "markers has no fault 'frozen-answer'"),
         ("markers=late:soon", "seconds is 'soon'; it must be a number of at least 0"),
         ("markers=late:-1", "at least 0"),
         ("markers=late:nan", "seconds is 'nan'"),
@@ -42,6 +62,13 @@ def test_a_gauge_may_be_off_in_either_direction():
         ("valves=offset:0.1", "valves has no fault 'offset'"),
         ("valves=silent@later", "seconds is 'later'"),
         ("valves=silent@highpsi", "psi is 'high'"),
+        ("markers=outliers:101%", "at least 0 and at most 100"),
+        ("markers=outliers:5%,three", "are no marker ids; write them as 3\\+7"),
+        ("markers=outliers:5%,3+3", "each once"),
+        ("markers=swapped:5", "two markers or more, as in markers=swapped:3\\+7"),
+        ("markers=swapped:5+9,soon", "seconds is 'soon'"),
+        ("markers=mirrored:-3", "mm is '-3'; it must be a number of at least 0"),
+        ("markers=ghosts:1.5", "count is '1.5'"),
     ],
 )
 def test_other_words_are_refused_with_what_is_allowed(word, message):
@@ -98,6 +125,14 @@ def test_fault_begins_at_its_time_and_can_be_switched(clock):
     assert panel.active("silent") is None
 
 
+def test_all_faults_of_a_kind_that_have_begun(clock):
+    faults = (Fault("outliers", 1.0), Fault("outliers", 2.0, from_s=5.0), Fault("blind"))
+    panel = FaultPanel(clock, faults)
+    assert panel.all_active("outliers") == faults[:1]
+    clock.sleep(5.0)
+    assert panel.all_active("outliers") == faults[:2]
+
+
 def test_fault_begins_once_the_pressure_has_been_reached_and_stays(clock):
     panel = FaultPanel(clock, (Fault("silent", from_psi=3.0),))
     highest_psi = 2.9
@@ -105,3 +140,14 @@ def test_fault_begins_once_the_pressure_has_been_reached_and_stays(clock):
     assert panel.active("silent") is None
     highest_psi = 3.0
     assert panel.active("silent") is not None
+
+
+def test_a_frozen_answer_is_the_last_one_whatever_is_asked(line):
+    faults = line("frozen-answer@1psi")
+    highest_psi = [0.0]
+    faults.panel.follow(lambda: highest_psi[0])
+    assert faults.deliver(b"first").data == b"first"
+    assert faults.deliver(b"second").data == b"second"
+    highest_psi[0] = 1.0
+    assert faults.deliver(b"third").data == b"second"
+    assert faults.deliver(b"fourth").data == b"second"

@@ -159,6 +159,53 @@ def test_overpressure_climbs_past_the_setpoint_and_the_exhaust_still_vents(plant
     assert plant.state().pressure_psi < 0.1
 
 
+@pytest.mark.parametrize(("fault", "moves_psi"), [("frozen", 0.0), ("jittering", 0.025)])
+def test_a_gauge_that_stands_makes_the_controller_fill_the_sheet(plant_of, clock, fault, moves_psi):
+    plant = plant_of(faults=[f"regulator={fault}-sensor@1.5"])
+    plant.write_setpoint(3.9)
+    pressures_psi(plant, clock, 1.6)
+    readings = []
+    for _ in range(50):
+        clock.sleep(0.02)
+        readings.append(plant.state().measured_psi)
+    assert max(readings) - min(readings) <= moves_psi
+    assert max(readings) < 2.5
+    assert pressures_psi(plant, clock, 20)[-1] == pytest.approx(ChamberSettings().supply_psi, abs=0.3)
+
+
+def test_a_frozen_gauge_a_little_below_the_setpoint_raises_the_pressure_slowly(plant_of, clock):
+    """The controller knows nothing but its gauge: the smaller the difference, the slower."""
+    plant = plant_of(faults=["regulator=frozen-sensor@6"])
+    plant.write_setpoint(3.87)
+    pressures_psi(plant, clock, 7)
+    plant.write_setpoint(3.9)
+    rising = pressures_psi(plant, clock, 2)
+    assert 0.1 < rising[-1] - rising[0] < 0.8
+
+
+def test_a_drifting_gauge_is_held_at_the_setpoint_and_the_truth_leaves(plant_of, clock):
+    plant = plant_of(faults=["regulator=drifting-sensor:0.1@10"])
+    plant.write_setpoint(3.0)
+    assert pressures_psi(plant, clock, 20)[-1] == pytest.approx(4.0, abs=0.1)
+    assert plant.state().measured_psi == pytest.approx(3.0, abs=0.05)
+
+
+def test_a_gauge_that_follows_the_setpoint_shows_a_pressure_that_is_not_there(plant_of, clock):
+    plant = plant_of(faults=["regulator=following-sensor"])
+    plant.write_setpoint(3.0)
+    clock.sleep(5)
+    state = plant.state()
+    assert state.measured_psi == pytest.approx(3.0, abs=0.05)
+    assert state.pressure_psi < 0.1
+
+
+def test_a_low_supply_ends_the_filling(plant_of, clock):
+    plant = plant_of(faults=["regulator=low-supply:2"])
+    plant.write_setpoint(3.9)
+    clock.sleep(10)
+    assert plant.state().pressure_psi == pytest.approx(2.0, abs=0.05)
+
+
 def test_stuck_exhaust_says_that_it_exhausts_and_keeps_the_pressure(plant_of, clock):
     plant = plant_of(faults=["regulator=stuck-exhaust"])
     plant.write_setpoint(3.9)

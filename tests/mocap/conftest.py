@@ -77,3 +77,21 @@ def frame_of():
         return made_frame(ids, places_mm, np.where(np.isin(ids, list(unseen)), -1.0, 3.5))
 
     return make
+
+
+@pytest.fixture(scope="session")
+def many_frames():
+    """Makes frames of m markers with the ids 0 to m - 1 at 240 Hz, from positions (k, m, 3)."""
+
+    def make(positions_mm, cond=2.0):
+        count, markers, _ = positions_mm.shape
+        return MarkerFrames(
+            time_s=np.arange(count) / 240,
+            arrival_s=np.arange(count) / 240,
+            starts=np.arange(count + 1, dtype=np.int64) * markers,
+            ids=np.tile(np.arange(markers, dtype=np.int32), count),
+            positions_mm=positions_mm.reshape(-1, 3).astype(np.float32),
+            cond=np.full(count * markers, cond, np.float32),
+        )
+
+    return make

@@ -46,6 +46,10 @@ def bench(tmp_path, monkeypatch, capsys):
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    # Where no such folder is named, who holds a rig is written beside the temporary files.
+    held = tmp_path / "held"
+    held.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(held))
     text = TEXT.replace("frequency_hz = 240", f"frequency_hz = {FREQUENCY_HZ:g}")
     lab = SimpleNamespace(
         rig_text=text.replace('"4.0 psi"', '"4.1 psi"\nwarn_pressure = "4.2 psi"'),

@@ -5,8 +5,11 @@ import pytest
 from made_recording import THEN, derived, made_trial, recorded, run_of
 
 from labctl.ledger.ledger import Ledger
+from labctl.ledger.raw.recording import read_frames, read_pressures
 from labctl.ledger.records import EventRecord
 from labctl.ledger.writer import LedgerWriter
+from labctl.measurement.derive import derive
+from labctl.measurement.law import PLAIN_MEANS
 from labctl.plain_json import to_json
 from labctl.statistics.summary import summarise
 from labctl.verification.differences import Difference, differences
@@ -180,3 +183,42 @@ def test_files_that_no_attempt_is_recorded_with_are_named_and_count_nowhere(kept
         f"raw/{raw.name}/trial-03-2.pressures.parquet.unfinished",
     )
     assert found.agrees
+
+
+def test_a_result_of_the_first_law_is_verified_by_it(kept):
+    """It agrees as ever, and what is said of it now is no disagreement."""
+    with Ledger.open(kept, print) as ledger:
+        run = ledger.find("last")
+        trial = ledger.trials(run.number)[0]
+    pressures = read_pressures(kept / trial.raw["pressures"].path)
+    frames = read_frames(kept / trial.raw["frames"].path)
+    old = replace(trial, result=derive(frames, pressures, trial.windows, run.basis("sphere"), PLAIN_MEANS))
+    assert old.result.law == 1
+    found = verify_trial(kept, run, old)
+    assert found.agrees
+    assert found.recomputed
+    (note,) = found.notes
+    assert "made by law 1 of measurement" in note
+    assert "every height would be the same to 0 mm" in note
+
+
+def test_what_the_newest_law_would_say_of_an_old_result_is_told(tmp_path, trial):
+    frames = trial.frames.positions_mm.reshape(-1, 16, 3).copy()
+    frames[1530:1540, 7] = 0
+    trial = trial.but(frames=replace(trial.frames, positions_mm=frames.reshape(-1, 3)))
+    with LedgerWriter.open(tmp_path, print) as writer:
+        run = writer.begin_run(run_of(trial))
+        record = recorded(trial, writer, run, 1, 1)
+    pressures = read_pressures(tmp_path / record.raw["pressures"].path)
+    old = derive(trial.frames, pressures, record.windows, run.basis("sphere"), PLAIN_MEANS)
+    found = verify_trial(tmp_path, run, replace(record, result=old))
+    assert found.agrees
+    assert "every height would be the same to" in found.notes[0]
+    assert "same to 0 mm" not in found.notes[0]
+
+
+def test_a_result_of_a_law_that_is_not_known_is_not_judged(one_trial):
+    folder, run, trial = one_trial
+    found = verify_trial(folder, run, replace(trial, result=replace(trial.result, law=3)))
+    assert not found.agrees
+    assert "made by law 3 of measurement, and this version knows 1, 2" in found.problems[0]

@@ -14,7 +14,15 @@ from labctl.report.run.heights import difference_figure, heights_figure, signed_
 from labctl.report.run.pressures import pressure_figures
 from labctl.report.run.relaxation import relaxation_figure
 from labctl.report.run.sheet_faces import face_figure
-from labctl.report.run.text import attempts_table, group_name, group_sentence, name, points_table
+from labctl.report.run.text import (
+    attempts_table,
+    doubts_table,
+    group_name,
+    group_sentence,
+    left_out,
+    name,
+    points_table,
+)
 from labctl.report.run.view import RunView
 from labctl.statistics.summary import Group
 
@@ -64,8 +72,13 @@ def _overview(view: RunView) -> Section:
         shown.append(Shown(figure, "e_t of each trial", _errors_caption(view)))
     if not view.attempts:
         notes.append("No trial was committed.")
-    tables = (("Every attempt", attempts_table(view)),) if view.attempts else ()
-    return Section("The sheet and the trials", tuple(notes), tuple(shown), tables)
+    if said := left_out(view):
+        notes.append(said)
+    tables = [("Every attempt", attempts_table(view))] if view.attempts else []
+    doubts = doubts_table(view)
+    if doubts.rows:
+        tables.append(("Markers that were there and are not taken for seen", doubts))
+    return Section("The sheet and the trials", tuple(notes), tuple(shown), tuple(tables))
 
 
 def _errors_caption(view: RunView) -> str:

@@ -198,6 +198,38 @@ def attempts_table(view: RunView) -> Table:
     return Table(head, rows, dimmed=frozenset(n for n, each in enumerate(view.attempts) if not each.counts))
 
 
+def doubts_table(view: RunView) -> Table:
+    """The points that were there and are not taken for seen, attempt by attempt."""
+    rows = tuple(
+        (
+            each.name,
+            doubted.window,
+            str(doubted.marker_id),
+            f"{doubted.x_mm:g}, {doubted.y_mm:g}",
+            doubted.why,
+        )
+        for each in view.attempts
+        if each.record.result is not None
+        for doubted in each.record.result.doubted
+    )
+    return Table(("trial", "window", "marker", "at, mm", "why it is not taken for seen"), rows)
+
+
+def left_out(view: RunView) -> str:
+    """How many samples of the counted trials' levels were left out, as a sentence; "" where none could be."""
+    levels = [
+        level for each in view.attempts if each.counts for level in each.record.levels if level.left_out
+    ]
+    if not levels:
+        return ""
+    shown = sum(sum(level.seen) + sum(level.left_out) for level in levels)
+    out = sum(sum(level.left_out) for level in levels)
+    return (
+        f"Of {shown} samples of the markers in the measuring windows that count, {out} were far from their marker's "
+        "median and are left out."
+    )
+
+
 def points_table(view: RunView, group: Group) -> Table:
     """A group's measuring points: where they are, both heights, and their part of e_t."""
     rows = tuple(
