@@ -116,19 +116,19 @@ class FedStream:
         self._closed = True
 
 
-def fuzz_driver(rng, frames):
-    """Read about so many frames, one in five of them spoilt, stream after stream.
+def fuzz_driver(rng, frames, share=0.2):
+    """Read about so many frames, a share of them spoilt, stream after stream.
 
-    Returns the numbers of frames sent, read and refused by an error. Raises AssertionError where a frame was read
-    that nobody sent, or another error than a LabError came.
+    Returns the numbers of frames sent, spoilt, read and refused by an error. Raises AssertionError where a frame was
+    read that nobody sent, or another error than a LabError came.
     """
-    sent = read = refused = 0
+    sent = spoiled = read = refused = 0
     greeting = packet(0, 1, f"table=names {_NAMES}".encode()) + packet(0, 1, b"opened=1")
     greeting += packet(4, 1, b"initialized=1 frequency=240 timebase=1,1000000")
     greeting += packet(6, 2, struct.pack("<i", 1))
     while sent < frames:
         numbers = range(1, FRAMES_A_STREAM + 1)
-        is_spoilt = rng.random(len(numbers)) < 0.2
+        is_spoilt = rng.random(len(numbers)) < share
         stream = FedStream(
             greeting
             + b"".join(
@@ -145,6 +145,7 @@ def fuzz_driver(rng, frames):
             timeout_s=5.0,
         )
         sent += len(numbers)
+        spoiled += int(is_spoilt.sum())
         # A stream's bytes are finite, and each call takes some or ends it.
         for _ in range(20 * FRAMES_A_STREAM):
             try:
@@ -161,7 +162,7 @@ def fuzz_driver(rng, frames):
             assert_sent(batch)
         else:
             raise AssertionError("the driver does not come to the end of a stream")
-    return sent, read, refused
+    return sent, spoiled, read, refused
 
 
 def assert_sent(batch):

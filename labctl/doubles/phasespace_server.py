@@ -92,8 +92,8 @@ class PhaseSpaceServer:
                 self._turn()
         finally:
             self._listener.close()
-            for connection in self._connections:
-                connection.peer.close()
+            for connection in list(self._connections):
+                self._drop(connection)
             self._datagrams.close()
             if self._broadcasts is not None:
                 self._broadcasts.close()

@@ -83,6 +83,7 @@ class AlicatAscii:
         self._plausible_psi = plausible_psi
         self._talk = AlicatTalk(link, unit_id, name)
         self._layout: FrameLayout | None = None
+        self._layout_fits = False
         self._firmware: Firmware | None = None
         self._setpoint_psi: float | None = None
         link.expect_stream(stream(unit_id))
@@ -328,7 +329,11 @@ class AlicatAscii:
             reading = parse_frame(self.name, line, layout, self._unit)
         except GarbledReply:
             self._link.mark_suspect()
+            if not self._layout_fits:
+                # The table has no checksum either.
+                self._layout = None
             raise
+        self._layout_fits = True
         lowest, highest = self._plausible_psi
         for value_psi in (reading.gauge_psi, reading.setpoint_psi):
             if not lowest <= value_psi <= highest:

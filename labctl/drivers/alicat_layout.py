@@ -19,6 +19,8 @@ UNIT_ID = "700"
 #: GP firmware moves the cursor of its display back within its tables.
 CURSOR_BACK = "\b"
 
+# Status words that a rig acts on: none may be lost among the columns.
+SAFETY_WORDS = frozenset({"ADC", "EXH", "HLD", "OPL", "POV"})
 Sign = Literal["always", "never", "either"]
 
 _HEADING = re.compile(r"[A-Z] +D0?0 +(?P<first>ID_|NAME)")
@@ -94,6 +96,11 @@ def parse_layout(name: str, lines: list[str], unit_id: str, unit: PressureUnit) 
         if row is None:
             raise GarbledReply(f"{name}: row {number} of the data frame table reads {line!r}; ask again")
         if row.statistic:
+            if not row.width and line.split()[-1] in SAFETY_WORDS:
+                # Its star was lost: a column for it would swallow the word.
+                raise GarbledReply(
+                    f"{name}: row {number} of the data frame table has no star: {line!r}; ask again"
+                )
             columns.append(row)
     if not columns or columns[0].statistic != UNIT_ID:
         raise GarbledReply(f"{name}: the data frame table does not start with the unit id; ask again")

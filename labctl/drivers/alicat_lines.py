@@ -7,7 +7,7 @@ import re
 
 from labctl.config.rig import PressureUnit
 from labctl.drivers.alicat_firmware import find_firmware
-from labctl.drivers.alicat_layout import CURSOR_BACK, Column, FrameLayout
+from labctl.drivers.alicat_layout import CURSOR_BACK, SAFETY_WORDS, Column, FrameLayout
 from labctl.drivers.pressure_unit import to_psi
 from labctl.errors import GarbledReply
 from labctl.instruments.readings import PressureReading
@@ -98,6 +98,11 @@ def parse_frame(name: str, line: str, layout: FrameLayout, unit: PressureUnit) -
     """
     words = [line[:1], *line[1:].split()]
     values, status = words[: layout.columns], words[layout.columns :]
+    if taken := SAFETY_WORDS & set(values):
+        raise GarbledReply(
+            f"{name}: {line!r} has {' '.join(sorted(taken))} in a column of the device's table, where no status is; "
+            "the table or the line was spoilt on its way: ask again"
+        )
     if len(values) < layout.columns or not all(_STATUS_WORD.fullmatch(word) for word in status):
         raise GarbledReply(f"{name}: {line!r} is not a data frame of {layout.columns} columns; ask again")
     return PressureReading(

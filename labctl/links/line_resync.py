@@ -1,7 +1,7 @@
 """The questions by which a line of requests and replies is trusted again after an answer went missing."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from labctl.clock import Clock
 from labctl.errors import GarbledReply, NoAnswer
@@ -20,13 +20,14 @@ _INSTANT_S = 1e-6
 class Probe:
     """A question that changes nothing, and the test that knows each line of its answer from every other line.
 
-    `patience_s` is how long its answer is waited for before another question is tried.
+    `patience_s` is how long its answer is waited for before another question is tried. Two that send the same are
+    the same question: its answer may be on its way whoever asked.
     """
 
     request: bytes
-    accepts: Callable[[bytes], bool]
-    many_lines: bool = False
-    patience_s: float = 0.5
+    accepts: Callable[[bytes], bool] = field(compare=False)
+    many_lines: bool = field(default=False, compare=False)
+    patience_s: float = field(default=0.5, compare=False)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """The two ways that Modbus frames travel: RTU over a serial port, and TCP."""
 
+import logging
 from collections.abc import Callable
 from typing import Protocol
 
@@ -11,6 +12,9 @@ from labctl.errors import NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.links.interfaces import BytePort, TcpBytes
 from labctl.links.serial_port import discard_until_quiet
+
+# What a framer complains of is an error of ours, with its cause; on a terminal it would stand beside it once more.
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 
 class ModbusChannel(Protocol):

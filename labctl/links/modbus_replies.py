@@ -12,6 +12,8 @@ from labctl.links.deadline import Deadline
 from labctl.links.modbus_channel import ModbusChannel
 from labctl.links.noticed import Noticed
 
+_READS = (0x01, 0x03, 0x04)
+
 
 @dataclass(frozen=True)
 class Reply:
@@ -76,7 +78,16 @@ class ReplyReader:
             reply.pdu.function_code == function
             and reply.pdu.transaction_id == request.transaction_id
             and len(reply.frame) == length + self._channel.overhead_bytes
+            and self._counts_right(reply)
         )
+
+    def _counts_right(self, reply: Reply) -> bool:
+        """Whether a read's reply says itself how many bytes of data it has; the decoder does not look at it."""
+        if reply.pdu.function_code not in _READS:
+            return True
+        place = 1 if self._channel.is_serial else self._channel.overhead_bytes
+        data_bytes = len(reply.frame) - self._channel.overhead_bytes - 2
+        return reply.frame[place + 1] == data_bytes
 
     def learn_echo(self, echoed: bool, mirrors: bool) -> None:
         """Take in whether a request came back before its reply; a reply that `mirrors` it alone says nothing."""

@@ -145,5 +145,8 @@ class ModbusResync:
             self._late_seen = True
             self._awaited_since_s[probe.shape] = self._clock.now_s()
         self._awaited_since_s.clear()
+        if probe.of_coils:
+            # It has the shape of what is read next: nothing may follow it, not even itself once more.
+            self._channel.discard_late_replies(deadline)
         if sends:
             self._replies.learn_echo(echoed, reply.frame == sent)

@@ -191,6 +191,8 @@ class Supervisor:
                 on_reading=self._forward,
             )
             self._set_expected(Expected(mode="vented" if self._regulator.can_exhaust else None))
+            # No look need fall between this and the next setpoint.
+            self._still_gauge.forget()
             if report.safe:
                 # No beat is needed any more.
                 self._armed = False

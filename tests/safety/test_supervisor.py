@@ -272,3 +272,19 @@ def test_the_vent_comes_before_any_message(supervise, regulator, calls):
 
     assert calls.index("exhaust") < calls.index("notify")
     assert calls.index("valves []") < calls.index("notify")
+
+
+def test_what_came_nearer_before_safe_says_nothing_of_the_next_inflation(supervisor, regulator, clock):
+    """No look need fall between SAFE and the next setpoint: what was asked before is forgotten with it."""
+    regulator.pressure_psi = 2.0
+    assert supervisor.poll(with_valves=False) is None
+    supervisor.make_safe()
+    clock.sleep(10.0)
+
+    regulator.setpoint_psi, regulator.exhausting = 3.9, False
+    with supervisor.energising(lambda: None):
+        expect_held(supervisor)
+    for pressure_psi in (0.2, 0.4, 0.6, 0.8, 1.0, 1.2):
+        regulator.pressure_psi = pressure_psi
+        assert supervisor.poll(with_valves=False) is None
+        clock.sleep(0.05)
