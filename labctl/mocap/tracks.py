@@ -134,7 +134,7 @@ class _Following:
         self._go_on(block, is_there & ~waiting, decided, is_going)
 
     def _go_back(self, block: int, follows: NDArray[np.bool_]) -> None:
-        """A jump within a block is half in its median, and either half may be too small to notice: look further."""
+        """A jump within a block is half in its median, and each half may be too small: look one further back."""
         is_late = follows & (self._before >= 0) & (self._away == 0)
         is_late &= _length(self._surprises_mm(block, self._before)) > self._limits_mm(block, self._before)
         self._last[is_late] = self._before[is_late]

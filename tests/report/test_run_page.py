@@ -7,6 +7,7 @@ import made_measurement as made
 import pytest
 
 from labctl.errors import BadInput, LabError
+from labctl.measurement.result import DoubtedPoint
 from labctl.report.run.group_tables import comparison_table, format_unmatched
 from labctl.report.run.page import SIMULATED, run_page, write_run_page
 from labctl.report.run.view import run_view
@@ -126,6 +127,17 @@ def test_what_people_wrote_is_shown_as_written_and_does_nothing(tmp_path):
     assert evil in seen.text
     assert evil in seen.dimmed[0]
     assert "The design's text cannot be read by this program" in seen.text
+
+
+def test_markers_that_are_not_taken_for_seen_are_listed_with_why():
+    run = made.run()
+    level = replace(made.level(run, "sphere", 3.9), left_out=(5,) + (0,) * 15)
+    doubted = DoubtedPoint(4, 5, 35.0, 87.5, "3.9 psi", "it has jumped by 8.0 mm <b>")
+    result = replace(made.result(run), levels=(level,), law=2, doubted=(doubted,))
+    page = run_page([view_of(run, [made.trial(run, derived=result)])])
+    assert "Markers that were there and are not taken for seen" in page
+    assert "it has jumped by 8.0 mm &lt;b&gt;" in page
+    assert "5 were far from their marker" in page
 
 
 def test_a_run_without_any_trial_makes_a_page():

@@ -29,6 +29,16 @@ def test_the_same_rig_at_another_address_is_the_same():
     require_same_rig(a_run(rig=asdict(CONFIG)), replace(CONFIG, speed=3.0, source="moved.toml"))
 
 
+def test_a_rig_recorded_before_there_were_limits_of_what_is_left_out_had_the_defaults():
+    before = asdict(CONFIG)
+    for key in ("max_left_out", "max_left_out_of_all"):
+        del before["measurement"][key]
+    require_same_rig(a_run(rig=before), CONFIG)
+    stricter = replace(CONFIG, measurement=replace(CONFIG.measurement, max_left_out=0.1))
+    with pytest.raises(BadInput, match=r"measurement\.max_left_out was 0\.25 and is 0\.1"):
+        require_same_rig(a_run(rig=before), stricter)
+
+
 def test_of_many_points_the_one_that_moved_is_named():
     points = list(CONFIG.markers.points)
     points[3] = replace(points[3], x_mm=36.0)
