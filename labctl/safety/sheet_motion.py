@@ -15,12 +15,14 @@ Floats = NDArray[np.float64]
 STEP_S = 0.05
 KEPT_S = 3.0
 FEWEST_MARKERS = 3
+FEWEST_FRAMES = 4
 
 # A marker that is farther off is another's, or none; the more time goes by, the farther it may be.
 _JUMP_MM, _FASTEST_MM_PER_S = 5.0, 50.0
-_QUARTILES_TO_SD = 1.349
-# Of a median beside a mean.
-_MEDIAN_SD = 1.25
+# How far half of the samples are off, in standard deviations.
+_MEDIAN_OFF_TO_SD = 0.6745
+# Of medians, of which a trimmed mean is taken, beside a mean.
+_MEDIAN_SD = 1.33
 # Of the markers, this share is left out at either end: one that jumped says nothing of the sheet.
 _TRIMMED = 1 / 8
 
@@ -76,11 +78,13 @@ class MarkerSteps:
         counts = np.isfinite(ordered_mm[:, :, 0]).sum(axis=0)
         middle_mm = (_rank(ordered_mm, (counts - 1) // 2) + _rank(ordered_mm, counts // 2)) / 2
         noise_mm = float("nan")
-        enough = counts >= 4
-        if enough.any():
-            spread_mm = _rank(ordered_mm, 3 * (counts - 1) // 4) - _rank(ordered_mm, (counts - 1) // 4)
-            frame_mm = float(np.median(spread_mm[enough])) / _QUARTILES_TO_SD
-            noise_mm = _MEDIAN_SD * frame_mm / float(np.sqrt(np.median(counts[enough])))
+        off_mm = np.abs(ordered_mm - middle_mm)[:, counts >= FEWEST_FRAMES]
+        off_mm = off_mm[np.isfinite(off_mm)]
+        if len(off_mm):
+            frames = float(np.median(counts[counts >= FEWEST_FRAMES]))
+            # Samples lie nearer to their own middle than to the true one.
+            frame_mm = float(np.median(off_mm)) / _MEDIAN_OFF_TO_SD * float(np.sqrt(frames / (frames - 1)))
+            noise_mm = _MEDIAN_SD * frame_mm / float(np.sqrt(frames))
         is_seen = counts > 0
         self._last_mm[is_seen], self._last_s[is_seen] = middle_mm[is_seen], time_s
         self.kept.append(MarkerStep(time_s, max(arrivals_s), middle_mm, noise_mm))

@@ -175,9 +175,10 @@ class SheetWitness:
         """By how much a sheet that comes to rest moves at most from one moment to another."""
         response_s = self._limits.sheet_response_s
         # A speed that was seen later says nothing of the motion before it.
-        earlier = [speed for speed in rest.speeds if speed.at_s <= from_s] or rest.speeds[:1]
         speed_mm_per_s = min(
-            speed.mm_per_s * math.exp(-max(0.0, from_s - speed.at_s) / response_s) for speed in earlier
+            speed.mm_per_s * math.exp(-(from_s - speed.at_s) / response_s)
+            for speed in rest.speeds
+            if speed.at_s <= from_s
         )
         decaying_mm = speed_mm_per_s * response_s * (1 - math.exp(-(to_s - from_s) / response_s))
         tenfolds = math.log10((to_s - rest.since_s) / max(from_s - rest.since_s, _SHORT_S / 2))
@@ -218,7 +219,10 @@ def _motions(
     end_s = lately[-1].arrival_s
     for seconds in (_SHORT_S, *_LONG_S):
         count = round(seconds / STEP_S)
-        if len(lately) >= count and (moved := motion(lately[-count:], uninflated_mm)) is not None:
+        # No motion is judged by the speed that was taken from itself.
+        if len(lately) < count or lately[-count].arrival_s < rest.speeds[0].at_s:
+            continue
+        if (moved := motion(lately[-count:], uninflated_mm)) is not None:
             yield moved, lately[-count].arrival_s, end_s
     if rest.distances_mm is not None:
         first_s = rest.speeds[0].at_s
