@@ -113,6 +113,21 @@ def test_a_question_that_stays_unanswered_is_followed_by_another(time):
     assert device.heard[3:] == [b"A??M*\r", POLL]
 
 
+def test_a_question_that_is_set_anew_is_still_the_one_that_is_unanswered(time):
+    """Drivers set their questions again when they know more; whoever asked, the answer may be on its way."""
+    device = InOrder(time)
+    link = linked(device)
+    device.delays_s.extend([0.0, 1.0])
+    link.mark_suspect()
+    with pytest.raises(NoAnswer):
+        poll(link, device)
+    link.resync_by([Probe(b"AVE\r", lambda line: line.startswith(b"A   10v20")), MAKER, TABLE])
+    device.delays_s.extend([0.0, 0.0, 0.0])
+    for _ in range(6):
+        with suppress(NoAnswer):
+            assert poll(link, device, within_s=0.3) == device.polls
+
+
 def test_where_every_question_is_unanswered_nothing_is_asked_before_a_long_silence(time):
     device = InOrder(time)
     link = linked(device)
