@@ -24,6 +24,26 @@ def doubles() -> None:
 
 
 @doubles.command()
+@json_option
+def faults(as_json: bool) -> None:
+    """List every fault that --fault of `doubles serve` takes, instrument by instrument, and what each does."""
+    from labctl.doubles.fault_kinds import KINDS
+
+    if as_json:
+        emit_json({"faults": {instrument: dict(kinds) for instrument, kinds in KINDS.items()}})
+        return
+    for instrument, kinds in KINDS.items():
+        click.echo(instrument)
+        words = {
+            name: name + (f":{kind.argument.upper()}" if kind.argument else "")
+            for name, kind in kinds.items()
+        }
+        width = max(map(len, words.values()))
+        for name, kind in kinds.items():
+            click.echo(f"  {words[name]:{width}}  {kind.meaning}")
+
+
+@doubles.command()
 @click.option(
     "--out",
     "out_path",
@@ -123,8 +143,8 @@ def doubles() -> None:
     "--fault",
     "fault_texts",
     multiple=True,
-    help="Fault to inject: INSTRUMENT=KIND[:VALUE][@SECONDS or @PSIpsi], as in regulator=silent@3psi; a wrong "
-    "one lists all.",
+    help="Fault to inject: INSTRUMENT=KIND[:VALUE][@SECONDS or @PSIpsi], as in regulator=silent@3psi; "
+    "'labctl doubles faults' lists them.",
 )
 @click.option(
     "--trace",

@@ -19,8 +19,8 @@ FEWEST_MARKERS = 4
 MOST_STRETCH = 1.5
 STRETCH_MARGIN_MM = 2.0
 NEIGHBOURS = 3
-# A motion that stretches, shears or turns the sheet by more is none: of a symmetric set of points the half that
-# changed places would have it mirrored.
+# A motion that stretches, shears or turns the sheet by more is none: half of a symmetric set of points that changed
+# places would have it mirrored.
 MOST_CHANGE = 0.5
 _ROUNDS = 4
 _MOST_TRIPLES = 600

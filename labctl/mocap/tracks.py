@@ -28,6 +28,8 @@ OTHERS_TIMES = 4.0
 BACK_WITHIN_MM = 0.6
 # Less comes from the medians' own noise when a marker jumps and comes back.
 OFF_MM = 0.3
+# What goes away bit by bit is in its first block less than so much of where it is in the second, and so on.
+GROWS = 0.8
 # So many blocks a marker may be away without counting as moved.
 PATIENCE = 4
 # Over a longer gap a speed says nothing any more.
@@ -103,42 +105,72 @@ class _Following:
         # The block before that one.
         self._before = np.full(markers, -1)
         self._away = np.zeros(markers, dtype=np.int64)
+        self._first_mm = np.zeros((markers, 3))
         self._away_mm = np.zeros((markers, 3))
 
     def look_at(self, block: int) -> None:
-        here_mm, markers = self._middles_mm[block], np.arange(len(self._last))
-        is_there = np.isfinite(here_mm[:, 0])
+        """Go on to the next block."""
+        is_there = np.isfinite(self._middles_mm[block, :, 0])
         follows = is_there & (self._last >= 0)
-        # A jump within a block is half in its median, and either half may be too small to notice.
-        is_late = follows & (self._before >= 0) & (self._away == 0)
-        is_late &= _length(self._surprises_mm(block, self._before)) > self._limits_mm(block, self._before)
-        self._last[is_late] = self._before[is_late]
+        self._go_back(block, follows)
         surprise_mm = self._surprises_mm(block, self._last)
         # A marker comes back from where it was, and not because the sheet has moved on meanwhile.
         halfway_mm = np.where(self._away > 0, _length(self._away_mm) / 2, np.inf)
-        is_away = follows & (
-            _length(surprise_mm) > np.minimum(self._limits_mm(block, self._last), halfway_mm)
-        )
+        limit_mm = np.minimum(self._limits_mm(block, self._last), halfway_mm)
+        is_away = follows & (_length(surprise_mm) > limit_mm)
         self._away[is_away] += 1
+        first, early = is_away & (self._away == 1), is_away & (self._away <= 2)
+        self._first_mm[first] = surprise_mm[first]
         # The first block may hold frames from before and after the jump.
-        early = is_away & (self._away <= 2)
         self._away_mm[early] = surprise_mm[early]
-        has_moved = is_away & (self._away > PATIENCE)
+        decided = is_away & (self._away > PATIENCE)
+        is_going = decided & self._grows(surprise_mm)
+        self._move(decided & ~is_going)
+        for marker in np.flatnonzero(is_going):
+            self.off_mm[self._last[marker] + 1 : block, marker] = self._offset_mm[marker]
+        self.off_mm[block, is_there] = self._offset_mm[is_there]
+        waiting = is_away & ~decided
+        self.off_mm[block, waiting] += surprise_mm[waiting]
+        self._go_on(block, is_there & ~waiting, decided, is_going)
+
+    def _go_back(self, block: int, follows: NDArray[np.bool_]) -> None:
+        """A jump within a block is half in its median, and either half may be too small to notice: look further."""
+        is_late = follows & (self._before >= 0) & (self._away == 0)
+        is_late &= _length(self._surprises_mm(block, self._before)) > self._limits_mm(block, self._before)
+        self._last[is_late] = self._before[is_late]
+
+    def _move(self, has_moved: NDArray[np.bool_]) -> None:
+        """Markers that stay away are at another place from now on, or back at their own."""
         self._offset_mm[has_moved] += self._away_mm[has_moved]
         self._offset_mm[has_moved & (_length(self._offset_mm) < BACK_WITHIN_MM)] = 0.0
-        self.off_mm[block, is_there] = self._offset_mm[is_there]
-        waiting = is_away & ~has_moved
-        self.off_mm[block, waiting] += surprise_mm[waiting]
-        steady = follows & ~is_away
-        stride = (block - self._last)[steady, None]
-        before_mm = self._middles_mm[self._last[steady], markers[steady]]
-        was_mm = self._speed_mm[self._last[steady], markers[steady]]
-        self._speed_mm[block, steady] = (was_mm + (here_mm[steady] - before_mm) / stride) / 2
-        self._speed_mm[block, has_moved] = self._speed_mm[self._last[has_moved], markers[has_moved]]
-        self._away[is_there & ~waiting] = 0
-        # What has moved begins anew.
-        self._before = np.where(steady, self._last, np.where(has_moved, -1, self._before))
-        self._last[is_there & ~waiting] = block
+
+    def _go_on(
+        self, block: int, is_known: NDArray[np.bool_], decided: NDArray[np.bool_], is_going: NDArray[np.bool_]
+    ) -> None:
+        """Take over places and speeds of the markers that are where they were going, or have been decided on."""
+        here_mm, before_mm = self._middles_mm[block], self._middles_mm[block - 1]
+        steady = np.flatnonzero(is_known & ~decided & (self._last >= 0))
+        since = self._last[steady]
+        moved_mm = here_mm[steady] - self._middles_mm[since, steady]
+        stride = (block - since)[:, None]
+        self._speed_mm[block, steady] = (self._speed_mm[since, steady] + moved_mm / stride) / 2
+        jumped = np.flatnonzero(decided)
+        self._speed_mm[block, jumped] = self._speed_mm[self._last[jumped], jumped]
+        # Of what went away bit by bit the speed of the last step is the one to go on by.
+        timed = np.flatnonzero(is_going & np.isfinite(before_mm[:, 0]))
+        self._speed_mm[block, timed] = here_mm[timed] - before_mm[timed]
+        self._before[steady] = since
+        # What was away begins anew.
+        self._before[decided] = -1
+        self._away[is_known] = 0
+        self._last[is_known] = block
+
+    def _grows(self, surprise_mm: Floats) -> NDArray[np.bool_]:
+        """Whether a marker went away bit by bit, as a sheet does that was let go, and did not jump."""
+        first, early, now = (_length(each) for each in (self._first_mm, self._away_mm, surprise_mm))
+        onwards = (self._away_mm * surprise_mm).sum(axis=1) > 0
+        grows: NDArray[np.bool_] = onwards & (first < GROWS * early) & (early < GROWS * now)
+        return grows
 
     def _surprises_mm(self, block: int, since: NDArray[np.int64]) -> Floats:
         """How far each marker is from where it was going at the block `since` (m,), (m, 3)."""

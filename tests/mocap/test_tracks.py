@@ -64,3 +64,25 @@ def test_where_a_marker_is_not_seen_nothing_is_said(off_mm, many_frames, rising)
     rising[TIME_S > 10, 6] = np.nan
     assert np.isnan(off_mm(rising, 15, 16)[6])
     assert follow(many_frames(rising[:0]), TIME_S[:0], range(16), HZ).off_between(0, 1).shape == (16, 3)
+
+
+def test_the_few_markers_of_a_ridge_that_is_let_go_jump_nowhere(off_mm, rising):
+    """Most of the sheet lies still while its middle falls back: bit by bit, and not at once."""
+    ridge = np.isclose(rising[:200].mean(axis=0)[:, 0], 70, atol=1)
+    fall_mm = 20 * (1 - np.exp(-np.maximum(TIME_S - 14.0, 0) / 1.5))
+    rising[:, ridge, 2] -= fall_mm[:, None]
+    assert ridge.sum() == 4
+    assert off_mm(rising, 14.0, 14.5).max() == 0
+    assert off_mm(rising, 18, 19).max() == 0
+
+
+def test_markers_that_jump_together_are_off_too(off_mm, rising):
+    rising[TIME_S > 12, 3:8, 2] += 9.0
+    assert (off_mm(rising, 15, 16) > 8).tolist() == [3 <= marker < 8 for marker in range(16)]
+
+
+def test_a_jump_within_a_block_is_found_whole_or_not(off_mm, rising):
+    for part in np.arange(0, 24, 4):
+        moved = rising.copy()
+        moved[np.searchsorted(TIME_S, 12.0) + part :, 6, 2] += 1.0
+        assert off_mm(moved, 15, 16)[6] > 0.5
