@@ -44,6 +44,9 @@ bench-gauge: $(INSTALLED)  ## gauges that freeze, jitter, drift or are off, in v
 	$(BIN)/python bench/gauge_faults.py
 	$(BIN)/python bench/gauge_offsets.py
 
+bench-faults: $(INSTALLED)  ## unplugging, over-pressure and spoilt frames by the thousand: about two hours on 2 cores
+	PYTHONPATH=tests $(BIN)/python bench/faults.py --out runs/bench/faults.json
+
 bench-rig: $(INSTALLED)  ## ingest, recording and the supervisor under 72 markers at 960 Hz, then beside four busy loops: about half an hour
 	$(BIN)/python bench/rig_load.py --busy 4 --out runs/bench/rig.json
 

@@ -32,7 +32,8 @@ from labctl.safety.safe_state import SafeReport
 TRY_AGAIN_S = 600.0
 
 _FIRST_PATIENCE_S = 5.0
-_PAUSE_S = 2.0
+# A regulator that was unplugged is vented, and free again, soon after it came back.
+_PAUSE_S = 0.5
 _COMMAND = "the guard of a program that is gone"
 _REPORT_S = 1.0
 

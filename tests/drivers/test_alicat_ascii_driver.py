@@ -372,3 +372,14 @@ def test_hold_closed_is_read_back(lines):
 
     with pytest.raises(ReadBackMismatch, match="HLD was not read back"):
         regulator(lines(TABLE, (b"AHC\r", POLL[1]), POLL, POLL)).hold_closed()
+
+
+def test_a_table_that_no_frame_has_fitted_is_asked_for_again(lines):
+    """It has no checksum: a digit that was spoilt on its way would make every later frame a garbled one."""
+    request, rows = TABLE
+    spoilt = [row.replace(b"7/2", b"7/3") for row in rows]
+    link = lines((request, spoilt), POLL, TABLE, POLL)
+    device = regulator(link)
+    with pytest.raises(GarbledReply):
+        device.read()
+    assert device.read().gauge_psi == 3.9

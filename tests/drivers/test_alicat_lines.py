@@ -132,6 +132,26 @@ def test_what_is_no_data_frame_is_no_reading(line):
         parse_frame("regulator A", line, layout(), "psi")
 
 
+@pytest.mark.parametrize("lost", [ERROR, STATUS])
+def test_a_row_that_lost_its_star_makes_no_column(lost):
+    """A bit is enough, and the word that the rig acts on would be taken for a column's."""
+    table = [line.replace("*", "j") if line == lost else line for line in TABLE]
+    with pytest.raises(GarbledReply, match=r"has no star.*ask again"):
+        layout(table)
+
+
+def test_a_status_word_among_the_columns_is_no_reading():
+    one_more = [
+        HEADING,
+        UNIT,
+        PRESSURE,
+        SETPOINT,
+        "A D04 705 Status                     string          3 E8H",
+    ]
+    with pytest.raises(GarbledReply, match=r"EXH in a column.*ask again"):
+        parse_frame("regulator A", "A +003.90 +003.90 EXH", layout(one_more), "psi")
+
+
 # Setpoint columns of captured firmwares: the row, a frame, what it says; and frames that are none of theirs.
 UNSIGNED_61 = SETPOINT.replace("s decimal     7/2", "decimal       6/1")
 UNSIGNED_62 = SETPOINT.replace("s decimal     7/2", "decimal       6/2")

@@ -185,3 +185,24 @@ def test_answers_that_come_when_they_like_are_never_mistaken(time, seed):
         except InstrumentError:
             time.sleep(chance.choice([0.0, 0.05]))
     assert right > 5
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_question_that_is_set_anew_is_still_the_one_that_is_unanswered(time, seed):
+    """Drivers set their questions again when they know more; whoever asked, the answer may be on its way."""
+    chance = random.Random(seed)
+    device = InOrder(time)
+    link = linked(device)
+    device.delays_s = deque(chance.choice([0.0, 0.02, chance.uniform(0, 0.9)]) for _ in range(300))
+    right = 0
+    for _ in range(150):
+        # The same questions, made anew.
+        link.resync_by(
+            [Probe(old.request, lambda line, old=old: old.accepts(line)) for old in (VERSION, MAKER)]
+        )
+        try:
+            assert poll(link, device, chance.choice([0.1, 0.2, 0.5])) == device.polls
+            right += 1
+        except InstrumentError:
+            time.sleep(chance.choice([0.0, 0.05]))
+    assert right > 5

@@ -1,6 +1,8 @@
 """Frames from the Waveshare wiki and the Modbus specifications, byte for byte."""
 
 import socket
+import subprocess
+import sys
 import time
 
 import pytest
@@ -178,6 +180,34 @@ def test_a_late_rtu_reply_is_never_taken_for_the_reply_to_a_new_request(serial_p
     assert link.read_coils(0, 8, 1, within(1)) == (False,) * 8
 
 
+def test_what_follows_the_reply_to_a_probe_of_coils_is_not_the_next_reply(serial_peer, wires, serial_link):
+    """Where the registers are unanswered, the probe's reply is like the others: it has to be the last that comes."""
+    probed = rtu("01 01 01 00")
+    peer = serial_peer(
+        wires.expect(rtu("01 01 00 00 00 10")),
+        wires.expect(rtu("01 03 80 00 00 01")),
+        wires.expect(READ_8),
+        wires.say(probed + probed),
+        wires.expect(rtu("01 01 00 08 00 08")),
+        wires.say(rtu("01 01 01 FF")),
+    )
+    link = serial_link(peer)
+    link.resync_by_holding_registers(0x8000, 1, 1)
+    link.resync_by_coils(0, 8, 1)
+    with pytest.raises(NoAnswer):
+        link.read_coils(0, 16, 1, within(0.1))
+    assert link.read_coils(8, 8, 1, within(1)) == (True,) * 8
+
+
+def test_spoilt_frames_are_no_words_on_the_terminal():
+    script = (
+        "import logging, labctl.links.modbus_link; "
+        "logging.getLogger('pymodbus.logging').error('request ask for id=1 but got id=0')"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert (ended.stdout, ended.stderr) == ("", "")
+
+
 def test_a_write_reaches_a_device_that_acts_and_is_not_heard(serial_peer, wires, serial_link):
     link = serial_link(serial_peer(wires.expect(READ_8), wires.expect(COILS_0_19_OFF)))
     link.resync_by_holding_registers(0x8000, 1, 1)
@@ -238,6 +268,8 @@ def test_tcp_counts_its_transactions(tcp_peer, wires, tcp_link):
         tcp(1, "02 01 01 05"),
         tcp(1, "01 02 01 05"),
         tcp(1, "01 01 01 05 00"),
+        # It is as long as a reply, and counts its bytes otherwise: one was lost, and one put in.
+        tcp(1, "01 01 05 05"),
     ],
 )
 def test_a_tcp_reply_that_is_none_is_refused(tcp_peer, wires, tcp_link, reply):
