@@ -230,7 +230,7 @@ def test_what_is_not_measured_is_not_claimed(bench):
     assert "not measured, too rarely seen: markers 0, 9" in ended.out
     rows = {line.split()[0]: line.split() for line in ended.out.splitlines() if line[:6].strip().isdigit()}
     assert rows["9"][3] == "-"
-    assert rows["9"][5:] == ["0", "100"]
+    assert rows["9"][5:] == ["0", "0", "100"]
     assert " over 14 points" in ended.out
 
 
