@@ -6,9 +6,10 @@ healthy inflations must not trip.
 """
 
 import argparse
+import re
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench_report import heading, row
@@ -18,6 +19,7 @@ from virtual_labctl import SharedShapes
 from virtual_rig import VirtualRig
 
 from labctl.config.load import load_design
+from labctl.doubles.markers import MarkerSettings
 from labctl.errors import LabError
 from labctl.rig import Rig
 from labctl.stop import OperatorStop
@@ -35,6 +37,8 @@ class Case:
     seed: int
     hold_s: float
     ramp: str = "1 psi/s"
+    cameras: MarkerSettings = field(default_factory=MarkerSettings)
+    frequency: str = "240 Hz"
 
 
 @dataclass(frozen=True)
@@ -52,8 +56,8 @@ def inflate(case: Case, channels: frozenset[int]) -> Outcome:
         design=load_design("known"),
         shapes=SharedShapes(),
         seed=case.seed,
-        # A gauge that stands still reads no vent: how long one waits for it is not the question here.
-        change=lambda text: text.replace("[limits]", f'[limits]\nramp = "{case.ramp}"\nvent_timeout = "1 s"'),
+        markers=case.cameras,
+        change=lambda text: _changed(text, case),
     )
     ended = "held"
     try:
@@ -74,6 +78,13 @@ def inflate(case: Case, channels: frozenset[int]) -> Outcome:
     return Outcome(highest_psi, ended)
 
 
+def _changed(text: str, case: Case) -> str:
+    # A gauge that stands still reads no vent: how long one waits for it is not the question here.
+    limits = f'[limits]\nramp = "{case.ramp}"\nvent_timeout = "1 s"'
+    text = re.sub(r"^frequency_hz.*$", f'frequency_hz = "{case.frequency}"', text, flags=re.MULTILINE)
+    return text.replace("[limits]", limits)
+
+
 def main() -> int:
     """Print the worst of each kind."""
     arguments = _arguments()
@@ -85,7 +96,11 @@ def main() -> int:
         outcomes = [(inflate(case, channels), case) for case in cases]
         worst, case = max(outcomes, key=lambda each: each[0].highest_psi)
         held = sum(outcome.ended == "held" for outcome, _ in outcomes)
-        good = good and worst.highest_psi < arguments.limit and (name != "healthy" or held == len(outcomes))
+        good = (
+            good
+            and worst.highest_psi < arguments.limit
+            and (not name.startswith("healthy") or held == len(outcomes))
+        )
         row(name, len(outcomes), f"{worst.highest_psi:.2f}", case.name, held, worst.ended[:90])
         if arguments.every:
             for outcome, each in outcomes:
@@ -146,11 +161,42 @@ def _kinds(seeds: int, hold_s: float) -> Iterator[tuple[str, list[Case]]]:
         ],
     )
     yield (
-        "healthy",
+        "healthy, ramps of 0.05 to 1.4 psi/s",
         [
             case
             for ramp in ("0.05 psi/s", "0.2 psi/s", "0.5 psi/s", "1 psi/s", "1.4 psi/s")
-            for case in each(ramp, None, hold_s, ramp)
+            for case in each(ramp, None, 2 * hold_s, ramp)
+        ],
+    )
+    cameras = {
+        "noise 0.02 mm": MarkerSettings(noise_sd_mm=0.02),
+        "noise 0.5 mm": MarkerSettings(noise_sd_mm=0.5),
+        "occluded a quarter of the time": MarkerSettings(occlusion_hz=1.0, occlusion_s=0.3),
+        "occluded half of the time": MarkerSettings(occlusion_hz=3.0, occlusion_s=0.3),
+        "a fifth of the frames lost": MarkerSettings(dropout=0.2),
+    }
+    yield (
+        "healthy, bad cameras",
+        [
+            Case(name, None, seed, 2 * hold_s, cameras=settings)
+            for name, settings in cameras.items()
+            for seed in range(seeds)
+        ],
+    )
+    yield (
+        "healthy, 30 and 960 Hz",
+        [
+            Case(rate, None, seed, 2 * hold_s, frequency=rate)
+            for rate in ("30 Hz", "960 Hz")
+            for seed in range(seeds)
+        ],
+    )
+    yield (
+        "frozen at 3.88 psi, 30 and 960 Hz",
+        [
+            Case(rate, "regulator=frozen-sensor@3.88psi", seed, hold_s, frequency=rate)
+            for rate in ("30 Hz", "960 Hz")
+            for seed in range(seeds)
         ],
     )
 

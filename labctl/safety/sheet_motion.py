@@ -11,52 +11,82 @@ from labctl.instruments.readings import MarkerFrames
 from labctl.mocap.window import samples
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
-STEP_S = 0.05
-KEPT_S = 3.0
 FEWEST_MARKERS = 3
-FEWEST_FRAMES = 4
 
+_SHORTEST_STEP_S, _FRAMES_A_STEP = 0.05, 5
+_SHORTEST_S, _FEWEST_STEPS = 0.5, 4
+_LONGEST_S = 2.0
 # A marker that is farther off is another's, or none; the more time goes by, the farther it may be.
 _JUMP_MM, _FASTEST_MM_PER_S = 5.0, 50.0
 # How far half of the samples are off, in standard deviations.
 _MEDIAN_OFF_TO_SD = 0.6745
-# Of medians, of which a trimmed mean is taken, beside a mean.
-_MEDIAN_SD = 1.33
-# Of the markers, this share is left out at either end: one that jumped says nothing of the sheet.
+# Of a mean of the middle half, beside a mean of all; of a mean without the outermost eighths.
+_MIDMEAN_SD, _TRIMMED_SD = 1.1, 1.04
 _TRIMMED = 1 / 8
+# Of the frames' noise as it was known, this share stays with each step.
+_KNOWN = 0.9
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How marker frames are grouped: steps of `step_s`; motions over so many of them, the shortest first."""
+
+    step_s: float
+    counts: tuple[int, ...]
+
+    @classmethod
+    def of(cls, frequency_hz: float) -> "Pace":
+        """Half a second, one and two, in steps of 50 ms: longer where frames come too seldom for that."""
+        step_s = max(_SHORTEST_STEP_S, _FRAMES_A_STEP / frequency_hz)
+        short = max(_FEWEST_STEPS, round(_SHORTEST_S / step_s))
+        counts = {short, max(short, round(1.0 / step_s)), max(short, round(_LONGEST_S / step_s))}
+        return cls(step_s, tuple(sorted(counts)))
+
+    @property
+    def short(self) -> int:
+        """The steps of the shortest motion."""
+        return self.counts[0]
+
+    @property
+    def short_s(self) -> float:
+        """How long the shortest motion lasts."""
+        return self.short * self.step_s
 
 
 @dataclass(frozen=True, eq=False)
 class MarkerStep:
-    """The median places of m markers in the frames of one step: `place_mm` (m, 3), NaN where not seen.
+    """Where m markers were in the frames of one step: `place_mm` (m, 3), the mean of the middle half of the samples.
 
-    `time_s` is the middle of its frames by the instrument's clock, `arrival_s` when the last of them came;
-    `noise_mm` the standard deviation of such a place, in one coordinate.
+    NaN where a marker was not seen. `sd_mm` (m,) is what noise makes of a coordinate. `time_s` is the mean of the
+    frames' times by the instrument's clock, `arrival_s` when the last of them came.
     """
 
     time_s: float
     arrival_s: float
     place_mm: Floats
-    noise_mm: float
+    sd_mm: Floats
 
 
 class MarkerSteps:
-    """Sorts the frames of a stream into steps of `STEP_S`; the newest `KEPT_S` of them are kept."""
+    """Sorts the frames of a stream into steps; the newest are kept, somewhat more than the longest motion needs."""
 
-    def __init__(self, ids: Sequence[int]) -> None:
+    def __init__(self, ids: Sequence[int], pace: Pace) -> None:
         self._ids = tuple(ids)
+        self._step_s = pace.step_s
         self._number: int | None = None
         # NaN, as long as a marker was not seen, is no jump.
         self._last_mm = np.full((len(self._ids), 3), np.nan)
         self._last_s = np.zeros(len(self._ids))
+        self._frame_sd_mm = np.inf
         self._pending: list[tuple[float, float, Floats]] = []
-        self.kept: deque[MarkerStep] = deque(maxlen=round(KEPT_S / STEP_S))
+        self.kept: deque[MarkerStep] = deque(maxlen=pace.counts[-1] + 2 * pace.short)
 
     def take(self, frames: MarkerFrames) -> int:
         """Take the frames of a batch; returns how many markers the fullest of them showed."""
         samples_mm, _ = samples(frames, self._ids)
-        numbers = np.floor(frames.time_s / STEP_S).astype(np.int64)
+        numbers = np.floor(frames.time_s / self._step_s).astype(np.int64)
         for row in range(len(frames)):
             if numbers[row] != self._number:
                 self._finish()
@@ -76,18 +106,25 @@ class MarkerSteps:
         # NaN sorts last, so each marker's n samples are the first n.
         ordered_mm = np.sort(self._without_jumps(np.array(places_mm), time_s), axis=0)
         counts = np.isfinite(ordered_mm[:, :, 0]).sum(axis=0)
-        middle_mm = (_rank(ordered_mm, (counts - 1) // 2) + _rank(ordered_mm, counts // 2)) / 2
-        noise_mm = float("nan")
-        off_mm = np.abs(ordered_mm - middle_mm)[:, counts >= FEWEST_FRAMES]
-        off_mm = off_mm[np.isfinite(off_mm)]
-        if len(off_mm):
-            frames = float(np.median(counts[counts >= FEWEST_FRAMES]))
-            # Samples lie nearer to their own middle than to the true one.
-            frame_mm = float(np.median(off_mm)) / _MEDIAN_OFF_TO_SD * float(np.sqrt(frames / (frames - 1)))
-            noise_mm = _MEDIAN_SD * frame_mm / float(np.sqrt(frames))
+        middle_mm = _midmean(ordered_mm, counts)
+        self._learn_noise(np.abs(ordered_mm - middle_mm), counts)
         is_seen = counts > 0
         self._last_mm[is_seen], self._last_s[is_seen] = middle_mm[is_seen], time_s
-        self.kept.append(MarkerStep(time_s, max(arrivals_s), middle_mm, noise_mm))
+        sd_mm = np.where(is_seen, _MIDMEAN_SD * self._frame_sd_mm / np.sqrt(np.maximum(counts, 1)), np.nan)
+        self.kept.append(MarkerStep(time_s, max(arrivals_s), middle_mm, sd_mm))
+
+    def _learn_noise(self, off_mm: Floats, counts: NDArray[np.int64]) -> None:
+        """The standard deviation of a coordinate in one frame, from how far samples are off their middle."""
+        enough = counts >= _FEWEST_STEPS
+        off_mm = off_mm[:, enough]
+        off_mm = off_mm[np.isfinite(off_mm)]
+        if not len(off_mm):
+            return
+        frames = float(np.median(counts[enough]))
+        # Samples lie nearer to their own middle than to the true one.
+        sd_mm = float(np.median(off_mm)) / _MEDIAN_OFF_TO_SD * float(np.sqrt(frames / (frames - 1)))
+        known_mm = self._frame_sd_mm
+        self._frame_sd_mm = _KNOWN * known_mm + (1 - _KNOWN) * sd_mm if np.isfinite(known_mm) else sd_mm
 
     def _without_jumps(self, places_mm: Floats, time_s: float) -> Floats:
         """Samples (k, m, 3), NaN where a marker is farther from where it was last than a sheet takes it."""
@@ -96,75 +133,92 @@ class MarkerSteps:
         return np.where(jumps[:, :, None], np.nan, places_mm)
 
 
-def _rank(ordered_mm: Floats, ranks: NDArray[np.int64]) -> Floats:
-    """Each marker's sample (m, 3) at its rank of `ordered_mm` (k, m, 3)."""
-    taken: Floats = np.take_along_axis(ordered_mm, ranks.clip(min=0)[None, :, None], axis=0)[0]
-    return taken
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Motion:
-    """How the markers' distance from their uninflated places changed: `moved_mm` over `span_s` s, +- `sd_mm`."""
+    """How the distances of m markers from their uninflated places changed in `span_s` s.
 
-    moved_mm: float
-    span_s: float
-    sd_mm: float
-
-
-def motion(steps: Sequence[MarkerStep], rest_mm: Floats) -> Motion | None:
-    """The markers' mean motion over the steps, from a straight line through each one's distances.
-
-    None where fewer than 3 markers are seen in most of the steps.
+    `moved_mm` (m,), NaN where a marker was seen too little; `sd_mm` (m,) is what noise makes of it.
     """
-    distances_mm = np.array([np.linalg.norm(step.place_mm - rest_mm, axis=1) for step in steps])
-    is_seen = np.isfinite(distances_mm)
-    usable = is_seen.sum(axis=0) * 2 > len(steps)
-    if usable.sum() < FEWEST_MARKERS or len(steps) < FEWEST_MARKERS:
-        return None
-    distances_mm, is_seen = distances_mm[:, usable], is_seen[:, usable]
+
+    moved_mm: Floats
+    sd_mm: Floats
+    span_s: float
+
+    def is_seen(self) -> Bools:
+        """The markers (m,) that it knows of."""
+        return np.isfinite(self.moved_mm)
+
+    def over(self, which: Bools) -> tuple[float, float]:
+        """The mean motion of these markers (m,), and its standard deviation, in mm."""
+        sd_mm = _TRIMMED_SD * float(np.sqrt((self.sd_mm[which] ** 2).sum())) / int(which.sum())
+        return trimmed_mean(self.moved_mm[which]), sd_mm
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """Mean distances (m,) of the markers from their uninflated places, about `at_s`; NaN where seen too little."""
+
+    at_s: float
+    mean_mm: Floats
+    sd_mm: Floats
+
+
+def motion(steps: Sequence[MarkerStep], uninflated_mm: Floats) -> Motion:
+    """The markers' motion over the steps, from a straight line through each one's distances."""
+    distances_mm, is_seen = _distances(steps, uninflated_mm)
     times_s = np.array([step.time_s for step in steps])
     counts = is_seen.sum(axis=0)
-    off_s = np.where(is_seen, times_s[:, None], 0.0)
-    off_s = np.where(is_seen, times_s[:, None] - off_s.sum(axis=0) / counts, 0.0)
+    middles_s = np.where(is_seen, times_s[:, None], 0.0).sum(axis=0) / np.maximum(counts, 1)
+    off_s = np.where(is_seen, times_s[:, None] - middles_s, 0.0)
+    sds_mm = np.where(is_seen, np.array([step.sd_mm for step in steps]), 0.0)
     leverage = (off_s**2).sum(axis=0)
-    slopes = (off_s * np.where(is_seen, distances_mm, 0.0)).sum(axis=0) / leverage
+    is_usable = (counts * 2 > len(steps)) & (leverage > 0)
+    leverage = np.where(is_usable, leverage, np.nan)
     span_s = float(times_s[-1] - times_s[0])
-    sd_mm_per_s = _noise_mm(steps) / float(np.sqrt(np.median(leverage) * len(slopes)))
-    return Motion(trimmed_mean(slopes) * span_s, span_s, sd_mm_per_s * span_s)
+    slopes = (off_s * np.where(is_seen, distances_mm, 0.0)).sum(axis=0) / leverage
+    slope_sds = np.sqrt((off_s**2 * sds_mm**2).sum(axis=0)) / leverage
+    return Motion(slopes * span_s, slope_sds * span_s, span_s)
 
 
-def motion_between(
-    first_mm: Floats, last_mm: Floats, first_s: float, last: Sequence[MarkerStep]
-) -> Motion | None:
-    """The markers' mean motion from mean distances `first_mm` (m,) to those `last_mm` over the steps `last`.
+def distances(steps: Sequence[MarkerStep], uninflated_mm: Floats) -> Distances:
+    """The markers' mean distances over the steps.
 
-    Both are over equally many steps, the first of which are about `first_s`. None where fewer than 3 markers are in
-    both.
+    NaN where a marker was not seen in four fifths of them: the mean would be of another moment.
     """
-    moved_mm = last_mm - first_mm
-    moved_mm = moved_mm[np.isfinite(moved_mm)]
-    if len(moved_mm) < FEWEST_MARKERS:
-        return None
-    sd_mm = _noise_mm(last) * float(np.sqrt(2 / (len(last) * len(moved_mm))))
-    return Motion(trimmed_mean(moved_mm), (last[0].arrival_s + last[-1].arrival_s) / 2 - first_s, sd_mm)
-
-
-def _noise_mm(steps: Sequence[MarkerStep]) -> float:
-    """Of a marker's place in one step; infinite where too few frames came to know."""
-    known_mm = [step.noise_mm for step in steps if np.isfinite(step.noise_mm)]
-    return float(np.median(known_mm)) if known_mm else float("inf")
-
-
-def mean_distances_mm(steps: Sequence[MarkerStep], rest_mm: Floats) -> Floats:
-    """Each marker's mean distance (m,) from its uninflated place over the steps; NaN where it was never seen."""
-    distances_mm = np.array([np.linalg.norm(step.place_mm - rest_mm, axis=1) for step in steps])
-    is_seen = np.isfinite(distances_mm)
-    counts = is_seen.sum(axis=0)
+    distances_mm, is_seen = _distances(steps, uninflated_mm)
+    counts = np.where(5 * is_seen.sum(axis=0) >= 4 * len(steps), is_seen.sum(axis=0), np.nan)
+    sds_mm = np.where(is_seen, np.array([step.sd_mm for step in steps]), 0.0)
+    middle_s = (steps[0].arrival_s + steps[-1].arrival_s) / 2
     totals_mm = np.where(is_seen, distances_mm, 0.0).sum(axis=0)
-    return np.where(counts > 0, totals_mm / np.maximum(counts, 1), np.nan)
+    return Distances(middle_s, totals_mm / counts, np.sqrt((sds_mm**2).sum(axis=0)) / counts)
+
+
+def motion_between(first: Distances, last: Distances) -> Motion:
+    """The markers' motion from one time to another."""
+    sd_mm = np.hypot(first.sd_mm, last.sd_mm)
+    return Motion(last.mean_mm - first.mean_mm, sd_mm, last.at_s - first.at_s)
 
 
 def trimmed_mean(values: Floats) -> float:
-    """The mean without the eighth of the values that is highest and the eighth that is lowest."""
+    """The mean without the eighth of the values that is highest and the eighth that is lowest.
+
+    One marker that jumped says nothing of the sheet.
+    """
     cut = int(len(values) * _TRIMMED)
     return float(np.sort(values)[cut : len(values) - cut].mean())
+
+
+def _distances(steps: Sequence[MarkerStep], uninflated_mm: Floats) -> tuple[Floats, Bools]:
+    """Distances (steps, m), and where there is one."""
+    places_mm = np.array([step.place_mm for step in steps])
+    distances_mm = np.linalg.norm(places_mm - uninflated_mm, axis=2)
+    return distances_mm, np.isfinite(distances_mm)
+
+
+def _midmean(ordered_mm: Floats, counts: NDArray[np.int64]) -> Floats:
+    """The mean (m, 3) of the middle half of each marker's `counts` (m,) samples in `ordered_mm` (k, m, 3)."""
+    ranks = np.arange(len(ordered_mm))[:, None]
+    is_inside = (ranks >= counts // 4) & (ranks < counts - counts // 4)
+    totals_mm = np.where(is_inside[:, :, None], ordered_mm, 0.0).sum(axis=0)
+    inside = is_inside.sum(axis=0)[:, None]
+    return np.where(inside > 0, totals_mm / np.maximum(inside, 1), np.nan)
