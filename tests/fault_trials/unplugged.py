@@ -170,12 +170,12 @@ class Breaks:
                 clock.sleep(0.1)
 
     def _reads_right(self, virtual, rig, way):
-        rig.make_safe()
         gauge_psi = rig.pressure().gauge_psi
         state = virtual.plant.state()
         on = rig._instruments.valves.read()
         rig.capture(0.1)
         opened_s = virtual.time.now_s()
+        rig.make_safe()
         if abs(gauge_psi - state.pressure_psi) > _TOLERANCE_PSI or on != state.coils:
             self._wrong(f"{way}: reads {gauge_psi} psi and {sorted(on)}, the truth is {state}")
         return opened_s
