@@ -93,6 +93,8 @@ def main() -> int:
     good = True
     heading("gauge", "cases", "highest true pressure, psi", "at", "held to the end", "how the worst ended")
     for name, cases in _kinds(arguments.seeds, arguments.hold):
+        if arguments.only not in name:
+            continue
         outcomes = [(inflate(case, channels), case) for case in cases]
         worst, case = max(outcomes, key=lambda each: each[0].highest_psi)
         held = sum(outcome.ended == "held" for outcome, _ in outcomes)
@@ -206,6 +208,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=3, help="noises of each case")
     parser.add_argument("--hold", type=float, default=20.0, help="seconds that the pressure is held")
     parser.add_argument("--limit", type=float, default=4.5, help="psi that no case may reach")
+    parser.add_argument("--only", default="", help="the kinds whose name has this in it")
     parser.add_argument("--every", action="store_true", help="print every case")
     return parser.parse_args()
 
