@@ -206,7 +206,9 @@ class WaveshareRelay:
         return (*self._coils.notes(), *self._link.noticed)
 
     def _write_s(self) -> float:
-        if self._coils.way is None:
+        if self._coils.way is None or (
+            self._coils.way == "status byte" and self._coils.writes_singly is None
+        ):
             return max(_LEAST_FIND_S + _LEAST_WRITE_S, _FIND_S * self.channels)
         return (_WRITE_SINGLY_S if self._coils.writes_singly else _WRITE_S) * self.channels
 
