@@ -100,11 +100,8 @@ def main() -> int:
         outcomes = [(inflate(case, channels), case) for case in cases]
         worst, case = max(outcomes, key=lambda each: each[0].highest_psi)
         held = sum(outcome.ended == "held" for outcome, _ in outcomes)
-        good = (
-            good
-            and worst.highest_psi < arguments.limit
-            and (not name.startswith("healthy") or held == len(outcomes))
-        )
+        good = good and (worst.highest_psi < arguments.limit or name == _WEAK)
+        good = good and (held == len(outcomes) or not name.startswith("healthy"))
         row(name, len(outcomes), f"{worst.highest_psi:.2f}", case.name, held, worst.ended[:90])
         if arguments.every:
             for outcome, each in outcomes:
