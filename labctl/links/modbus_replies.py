@@ -85,7 +85,8 @@ class ReplyReader:
         """Whether a read's reply says itself how many bytes of data it has; the decoder does not look at it."""
         if reply.pdu.function_code not in _READS:
             return True
-        place = 1 if self._channel.is_serial else self._channel.overhead_bytes
+        # RTU has a checksum behind its PDU, TCP everything before it.
+        place = 1 if isinstance(self._channel.framer, FramerRTU) else self._channel.overhead_bytes
         data_bytes = len(reply.frame) - self._channel.overhead_bytes - 2
         return reply.frame[place + 1] == data_bytes
 

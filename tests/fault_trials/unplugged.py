@@ -16,6 +16,7 @@ CHANNEL = 4
 CYCLES_A_RIG = 40
 # Patience with a rig that does not open; `BACK_S` is what is asked.
 _GIVE_UP_S = 30.0
+_TRIES = 5
 _TOLERANCE_PSI = 0.05
 
 LINKS = {
@@ -117,7 +118,6 @@ class Breaks:
     def _hold_until_broken(self, virtual, cables, way, deeds):
         clock, tally = virtual.time, self.tally
         pulled_s = None
-        rig = _opened(virtual)
 
         def pull():
             nonlocal pulled_s
@@ -128,12 +128,7 @@ class Breaks:
 
         ended = "nothing"
         try:
-            with rig:
-                rig.jam({CHANNEL})
-                rig.start_control()
-                psi = round(self._rng.uniform(0.6, 2.0), 2)
-                rig.write_setpoint(psi)
-                rig.wait(psi / 1.5 + 0.5)
+            with self._held(virtual) as rig:
                 clock.start_thread(pull, "the test's hand")
                 for _ in range(20):
                     rig.wait(0.1)
@@ -144,12 +139,35 @@ class Breaks:
             ended = type(error.__cause__ or error).__name__ if unsafe else type(error).__name__
             ended += ", UNSAFE reported" if unsafe else ", SAFE read back"
         ended_s = clock.now_s()
-        tally.ended_s.append(ended_s - (pulled_s or ended_s))
+        while pulled_s is None:
+            clock.sleep(0.05)
+        tally.ended_s.append(ended_s - pulled_s)
         if deeds.vented_s is not None:
             tally.vented_s.append(deeds.vented_s - pulled_s)
         tally.endings[ended] = tally.endings.get(ended, 0) + 1
         tally.safe_at_once += _is_safe(virtual.plant)
-        return pulled_s or ended_s
+        return pulled_s
+
+    def _held(self, virtual):
+        """The rig, open, with the sheet inflated; tried again where a busy computer is refused."""
+        psi = round(self._rng.uniform(0.6, 2.0), 2)
+        tries_left = _TRIES
+        while True:
+            tries_left -= 1
+            try:
+                rig = _opened(virtual)
+                try:
+                    rig.jam({CHANNEL})
+                    rig.start_control()
+                    rig.write_setpoint(psi)
+                    rig.wait(psi / 1.5 + 0.5)
+                except BaseException:
+                    rig.close()
+                    raise
+                return rig
+            except LabError:
+                if not tries_left:
+                    raise
 
     def _opened_again(self, virtual, way):
         """Open the rig as a person does, again and again; when it was open and read right."""
