@@ -144,7 +144,7 @@ class Limits:
     vent_timeout_s: float = 10.0
     follow_within_psi: float = 1.0
     follow_timeout_s: float = 5.0
-    rest_within_psi: float = 0.05
+    rest_within_psi: float = 0.02
     still_after_s: float = 0.75
     sheet_response_s: float = 1.8
     sheet_creep: float = 0.05

@@ -39,7 +39,9 @@ class StillGauge:
     stays near.
 
     Not judged: a regulator that is not commanded to follow; a reading above its setpoint where nothing can let the
-    pressure out (`can_exhaust` false: it comes down as slowly as it leaks), or where it may be the gauge's zero.
+    pressure out (`can_exhaust` false: it comes down as slowly as it leaks), where it may be the gauge's zero, and
+    within `limits.hold_tolerance_psi`: an overshoot goes away before it comes back, and a gauge that freezes there
+    makes the regulator lower the pressure.
     """
 
     def __init__(self, limits: Limits, *, can_exhaust: bool) -> None:
@@ -65,7 +67,7 @@ class StillGauge:
         if (
             expected.mode != "control"
             or abs(away_psi) <= self._limits.rest_within_psi + digit_psi / 2 + _SAME_PSI
-            or (not is_below and (not self._can_exhaust or gauge_psi <= self._limits.safe_pressure_psi))
+            or (not is_below and self._may_stay_above(gauge_psi, -away_psi))
         ):
             self.forget()
             return None
@@ -78,6 +80,14 @@ class StillGauge:
         if still_s < self._limits.still_after_s or self._readings < _FEWEST_READINGS:
             return None
         return self._reason(gauge_psi, expected.setpoint_psi, still_s)
+
+    def _may_stay_above(self, gauge_psi: float, above_psi: float) -> bool:
+        limits = self._limits
+        return (
+            not self._can_exhaust
+            or gauge_psi <= limits.safe_pressure_psi
+            or above_psi <= limits.hold_tolerance_psi
+        )
 
     def _reason(self, gauge_psi: float, setpoint_psi: float, still_s: float) -> str:
         stands = abs(gauge_psi - self._nearest_psi) <= 2 * self._digit.psi + _SAME_PSI

@@ -54,7 +54,7 @@ def test_a_gauge_that_freezes_well_below_the_setpoint_is_vented_within_a_second(
 
 
 @pytest.mark.parametrize(
-    "fault", ["frozen-sensor@6", "frozen-sensor@9", "drifting-sensor:0.02@7", "drifting-sensor:0.05@7"]
+    "fault", ["frozen-sensor@8", "frozen-sensor@11", "drifting-sensor:0.02@9", "drifting-sensor:0.05@9"]
 )
 def test_a_gauge_that_fails_in_the_hold_is_contradicted_by_the_sheet(rig_with, fault):
     virtual = rig_with(f"regulator={fault}", seed=1)

@@ -80,6 +80,13 @@ def test_a_bleed_down_and_a_zero_that_is_a_little_high_are_not_judged():
     assert first_reason(lambda t: 2.0, lambda t: 0.0, 10, mode="vented") is None
 
 
+def test_an_overshoot_that_takes_its_time_is_none():
+    def overshooting(time_s):
+        return 3.9 + 0.08 * np.sin(np.pi * min(time_s, 4.0) / 4.0)
+
+    assert first_reason(overshooting, lambda t: 3.9, 10) is None
+
+
 def test_a_reading_that_stays_above_its_setpoint_trips_where_the_regulator_can_let_it_down():
     _, reason = first_reason(lambda t: 2.0, lambda t: 1.0, 5)
     assert "blocked exhaust" in reason
