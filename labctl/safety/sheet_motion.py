@@ -12,6 +12,7 @@ from labctl.mocap.window import samples
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Counts = NDArray[np.int64]
 
 FEWEST_MARKERS = 3
 
@@ -59,7 +60,8 @@ class Pace:
 class MarkerStep:
     """Where m markers were in the frames of one step: `place_mm` (m, 3), the mean of the middle half of the samples.
 
-    NaN where a marker was not seen. `sd_mm` (m,) is what noise makes of a coordinate. `time_s` is the mean of the
+    NaN where a marker was not seen. `sd_mm` (m,) is what noise makes of a coordinate; `track` (m,) numbers how often
+    each has come back somewhere else: places on two tracks are not to be compared. `time_s` is the mean of the
     frames' times by the instrument's clock, `arrival_s` when the last of them came.
     """
 
@@ -67,6 +69,7 @@ class MarkerStep:
     arrival_s: float
     place_mm: Floats
     sd_mm: Floats
+    track: Counts
 
 
 class MarkerSteps:
@@ -79,6 +82,7 @@ class MarkerSteps:
         # NaN, as long as a marker was not seen, is no jump.
         self._last_mm = np.full((len(self._ids), 3), np.nan)
         self._last_s = np.zeros(len(self._ids))
+        self._track = np.zeros(len(self._ids), dtype=np.int64)
         self._frame_sd_mm = np.inf
         self._pending: list[tuple[float, float, Floats]] = []
         self.kept: deque[MarkerStep] = deque(maxlen=pace.counts[-1] + 2 * pace.short)
@@ -109,11 +113,14 @@ class MarkerSteps:
         middle_mm = _midmean(ordered_mm, counts)
         self._learn_noise(np.abs(ordered_mm - middle_mm), counts)
         is_seen = counts > 0
+        # Far from where it was last, though time enough went by: another's place, or one that was missed too long.
+        moved_mm = np.linalg.norm(middle_mm - self._last_mm, axis=1)
+        self._track = self._track + (moved_mm > _JUMP_MM + _FASTEST_MM_PER_S * self._step_s)
         self._last_mm[is_seen], self._last_s[is_seen] = middle_mm[is_seen], time_s
         sd_mm = np.where(is_seen, _MIDMEAN_SD * self._frame_sd_mm / np.sqrt(np.maximum(counts, 1)), np.nan)
-        self.kept.append(MarkerStep(time_s, max(arrivals_s), middle_mm, sd_mm))
+        self.kept.append(MarkerStep(time_s, max(arrivals_s), middle_mm, sd_mm, self._track))
 
-    def _learn_noise(self, off_mm: Floats, counts: NDArray[np.int64]) -> None:
+    def _learn_noise(self, off_mm: Floats, counts: Counts) -> None:
         """The standard deviation of a coordinate in one frame, from how far samples are off their middle."""
         enough = counts >= _FEWEST_STEPS
         off_mm = off_mm[:, enough]
@@ -156,11 +163,15 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """Mean distances (m,) of the markers from their uninflated places, about `at_s`; NaN where seen too little."""
+    """Mean distances (m,) of the markers from their uninflated places, about `at_s`; NaN where seen too little.
+
+    `track` (m,) is which of each marker's they are of, as in `MarkerStep`.
+    """
 
     at_s: float
     mean_mm: Floats
     sd_mm: Floats
+    track: Counts
 
 
 def motion(steps: Sequence[MarkerStep], uninflated_mm: Floats) -> Motion:
@@ -190,13 +201,14 @@ def distances(steps: Sequence[MarkerStep], uninflated_mm: Floats) -> Distances:
     sds_mm = np.where(is_seen, np.array([step.sd_mm for step in steps]), 0.0)
     middle_s = (steps[0].arrival_s + steps[-1].arrival_s) / 2
     totals_mm = np.where(is_seen, distances_mm, 0.0).sum(axis=0)
-    return Distances(middle_s, totals_mm / counts, np.sqrt((sds_mm**2).sum(axis=0)) / counts)
+    return Distances(middle_s, totals_mm / counts, np.sqrt((sds_mm**2).sum(axis=0)) / counts, steps[-1].track)
 
 
 def motion_between(first: Distances, last: Distances) -> Motion:
     """The markers' motion from one time to another."""
     sd_mm = np.hypot(first.sd_mm, last.sd_mm)
-    return Motion(last.mean_mm - first.mean_mm, sd_mm, last.at_s - first.at_s)
+    moved_mm = np.where(first.track == last.track, last.mean_mm - first.mean_mm, np.nan)
+    return Motion(moved_mm, sd_mm, last.at_s - first.at_s)
 
 
 def trimmed_mean(values: Floats) -> float:
@@ -209,13 +221,14 @@ def trimmed_mean(values: Floats) -> float:
 
 
 def _distances(steps: Sequence[MarkerStep], uninflated_mm: Floats) -> tuple[Floats, Bools]:
-    """Distances (steps, m), and where there is one."""
+    """Distances (steps, m), and where there is one on the track that the marker is on last."""
     places_mm = np.array([step.place_mm for step in steps])
+    is_same = np.array([step.track for step in steps]) == steps[-1].track
     distances_mm = np.linalg.norm(places_mm - uninflated_mm, axis=2)
-    return distances_mm, np.isfinite(distances_mm)
+    return distances_mm, np.isfinite(distances_mm) & is_same
 
 
-def _midmean(ordered_mm: Floats, counts: NDArray[np.int64]) -> Floats:
+def _midmean(ordered_mm: Floats, counts: Counts) -> Floats:
     """The mean (m, 3) of the middle half of each marker's `counts` (m,) samples in `ordered_mm` (k, m, 3)."""
     ranks = np.arange(len(ordered_mm))[:, None]
     is_inside = (ranks >= counts // 4) & (ranks < counts - counts // 4)

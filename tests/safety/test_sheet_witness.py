@@ -133,7 +133,23 @@ def swapped(places, cond, now_s):
         places[:, [2, 9]] = places[:, [9, 2]]
 
 
-@pytest.mark.parametrize("spoil", [outliers(0.01), outliers(0.2), occluded(4), occluded(12), swapped])
+def swapped_while_one_is_hidden(places, cond, now_s):
+    swapped(places, cond, now_s)
+    cond[:, 4] = -1.0
+
+
+def in_a_circle(places, cond, now_s):
+    if now_s > 3.0:
+        places[:, [2, 9, 12]] = places[:, [9, 12, 2]]
+
+
+SPOILS = (
+    *(outliers(0.01), outliers(0.2), occluded(4), occluded(12)),
+    *(swapped, swapped_while_one_is_hidden, in_a_circle),
+)
+
+
+@pytest.mark.parametrize("spoil", SPOILS)
 def test_spoilt_frames_neither_trip_nor_blind_it(spoil):
     assert Inflation().run(held, 20, spoil=spoil) is None
     tripped = Inflation().run(
