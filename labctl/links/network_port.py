@@ -138,8 +138,12 @@ class Rfc2217Port:
         closing.join(_CLOSE_S)
 
     def _close_serial(self) -> None:
+        # pyserial leaves the socket of a box that has hung up open.
+        connection = vars(self._serial).get("_socket")
         with suppress(Exception):
             self._serial.close()
+        if connection is not None:
+            connection.close()
 
     def _require_open(self) -> None:
         if self._closed.is_set():

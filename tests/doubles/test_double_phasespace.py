@@ -467,7 +467,7 @@ def test_the_answer_to_initialize_on_one_id_only(server_of, client_of, word):
     ("word", "kinds"),
     [
         ("interleaved", [0x84, 0x81, 1, 0x82, 0x80]),
-        ("filter-frames", [0x84, 0x84, 0x80, 0x80]),
+        ("filter-frames", [0x84, 0x80, 0x84, 0x80]),
         ("split:0.01", [0x84, 0x80]),
     ],
 )
