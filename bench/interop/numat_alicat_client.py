@@ -47,12 +47,12 @@ def main() -> None:
     run("get_maxramp", device.get_maxramp)
     run("set_pressure 0", lambda: device.set_pressure(0.0))
     loop.run_until_complete(settle(3))
-    run("tare_pressure", device.tare_pressure)
+    operations.refused("tare_pressure (of an absolute pressure)", device.tare_pressure)
     # Without a control point this client refuses everything, and that would show nothing of the device.
     if device.control_point is not None:
         operations.refused("set_gas N2 (a flow controller's)", lambda: device.set_gas("N2"))
         operations.refused("get_totalizer_batch (a flow controller's)", device.get_totalizer_batch)
-    run("set_flow_rate 0 (writes register 122)", lambda: device.set_flow_rate(0.0))
+    operations.refused("set_flow_rate 0 (register 122: a flow)", lambda: device.set_flow_rate(0.0))
     run("set_pressure 0 (writes register 122 back)", lambda: device.set_pressure(0.0))
     run("close", device.close)
 

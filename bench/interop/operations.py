@@ -26,14 +26,15 @@ class Operations:
         self._print(name, "works" if is_right(value) else "wrong", _short(value))
         return value
 
-    def refused(self, name: str, operate: Callable[[], Any]) -> None:
-        """Run what the device has not: works where the client is told so by an error."""
+    def refused(self, name: str, operate: Callable[[], Any], by: type[Exception] = Exception) -> None:
+        """Run what the device has not: works where the client is told so, by an error of that type."""
         try:
             value = operate()
             if asyncio.iscoroutine(value):
                 value = asyncio.get_event_loop().run_until_complete(value)
         except Exception as error:  # whatever a client raises is a result here
-            self._print(name, "refused rightly", f"{type(error).__name__}: {error}")
+            result = "refused rightly" if isinstance(error, by) else "wrong"
+            self._print(name, result, f"{type(error).__name__}: {error}")
             return
         self._print(name, "wrong", f"not refused: {_short(value)}")
 

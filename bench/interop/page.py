@@ -3,6 +3,8 @@
 from collections import Counter
 from dataclasses import dataclass
 
+from clients import Differences
+
 RESULTS = ("works", "refused rightly", "refused", "wrong")
 
 
@@ -24,6 +26,16 @@ class Ran:
     target: str
     rows: tuple[Row, ...]
     absent: str | None = None
+    differences: Differences | None = None
+
+    def unexplained(self) -> list[Row]:
+        """What went wrong, and what was refused without a known reason."""
+        known = self.differences.operations if self.differences else frozenset()
+        return [
+            row
+            for row in self.rows
+            if row.result == "wrong" or (row.result == "refused" and row.operation not in known)
+        ]
 
 
 def page_of(runs: list[Ran], when: str, about: str) -> str:
@@ -54,6 +66,7 @@ def page_of(runs: list[Ran], when: str, about: str) -> str:
             ]
             lines.append("|---|---|---|")
             lines += [f"| {_cell(row.operation)} | {row.result} | {_cell(row.detail)} |" for row in ran.rows]
+            lines += ["", ran.differences.why] if ran.differences else []
     return "\n".join([*lines, ""])
 
 

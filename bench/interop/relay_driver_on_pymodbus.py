@@ -1,60 +1,36 @@
-"""labctl's relay driver against pymodbus's own server, over TCP: `python relay_driver_on_pymodbus.py`.
+"""labctl's relay driver on pymodbus's own server, over TCP.
 
-Prints one JSON object an operation (client, operation, result, ok); exit code 1 when one is not as it should be. The
-server has 32 coils and knows neither the coil for all nor the board's registers: it refuses them.
+The server has 32 coils and knows neither the coil for all nor the board's registers: it refuses them.
 """
 
 import asyncio
-import json
 import socket
-import sys
 import threading
 
+from operations import Operations
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from labctl.clock import WallClock
 from labctl.drivers.waveshare_relay import WaveshareRelay
-from labctl.errors import LabError
 from labctl.links.modbus_link import open_modbus_tcp
 
 
-def main() -> int:
-    """Every verb of the driver in turn; 1 when one went wrong."""
+def main() -> None:
+    """Every verb of the driver in turn."""
     port = _free_port()
     threading.Thread(target=lambda: asyncio.run(_serve(port)), daemon=True).start()
     clock = WallClock()
     clock.sleep(1.0)
-    board = WaveshareRelay(
-        open_modbus_tcp("127.0.0.1", port, clock, "relays"),
-        device_id=1,
-        channels=32,
-        name="relays",
-        timeout_s=1.0,
-    )
-    operations = [
-        ("read", board.read, []),
-        ("identify", lambda: board.identify() and [], []),
-        ("write", lambda: board.write({1, 12, 20, 32}), [1, 12, 20, 32]),
-        ("look", board.look, [1, 12, 20, 32]),
-        ("all off", lambda: board.write(()), []),
-        ("read after", board.read, []),
-    ]
-    failed = 0
-    for name, act, expected in operations:
-        try:
-            result: object = sorted(act())
-        except LabError as error:
-            result = f"{type(error).__name__}: {error}"
-        failed += result != expected
-        row = {"client": "labctl's driver", "operation": name, "result": result, "ok": result == expected}
-        print(json.dumps(row))
-    print(
-        json.dumps(
-            {"client": "labctl's driver", "operation": "notes", "result": board.identify().notes, "ok": True}
-        )
-    )
-    return 1 if failed else 0
+    link = open_modbus_tcp("127.0.0.1", port, clock, "relays")
+    board = WaveshareRelay(link, device_id=1, channels=32, name="relays", timeout_s=1.0)
+    run = Operations().run
+    run("read", board.read, lambda on: on == set())
+    run("identify", lambda: "; ".join(board.identify().notes))
+    run("write", lambda: sorted(board.write({1, 12, 20, 32})), lambda on: on == [1, 12, 20, 32])
+    run("look", lambda: sorted(board.look()), lambda on: on == [1, 12, 20, 32])
+    run("all off", lambda: board.write(()), lambda on: on == set())
+    run("read after it", board.read, lambda on: on == set())
 
 
 async def _serve(port: int) -> None:
@@ -70,4 +46,4 @@ def _free_port() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -1,25 +1,14 @@
-"""uModbus against the relay board: `python relay_umodbus.py ADDRESS`, a serial port or host:port.
+"""uModbus on the relay board's double: argv is its address, a serial port or host:port."""
 
-Prints one JSON object an operation (client, operation, result, ok); exit code 1 when one is not as it should be. The
-board has 32 channels and address 1, and is left with every relay off.
-"""
-
-import json
 import socket
 import sys
-from collections.abc import Callable
 from typing import Any
 
+from relay_board import ON, try_board
 from serial import Serial
 from umodbus.client import tcp
 from umodbus.client.serial import rtu
 from umodbus.exceptions import ModbusError
-
-CLIENT = "uModbus"
-ON, OFF, TOGGLE, ALL = 0xFF00, 0x0000, 0x5500, 0x00FF
-
-
-REFUSALS = (ModbusError,)
 
 
 class Board:
@@ -59,52 +48,5 @@ class Board:
         return self._modbus.send_message(request, self._wire)
 
 
-def bits(*channels: int) -> list[bool]:
-    """Thirty-two coils, these channels on."""
-    return [channel in channels for channel in range(1, 33)]
-
-
-def main(address: str) -> int:
-    """Every operation in turn; 1 when one went wrong."""
-    board = Board(address)
-    # Name, what is done, and what must come of it; None: this client cannot send it.
-    operations: list[tuple[str, Callable[[], Any] | None, Any]] = [
-        ("all off: 05 at 0x00FF", lambda: board.write(ALL, OFF), True),
-        ("one on: 05 at 2", lambda: board.write(2, ON), True),
-        ("read 8: 01", lambda: board.read(0, 8), bits(3)[:8]),
-        ("read 1: 01", lambda: board.read(2, 1), [True]),
-        ("write 20: 0F", lambda: board.write_many(0, bits(1, 3, 20)[:20]), True),
-        ("read 32: 01", lambda: board.read(0, 32), bits(1, 3, 20)),
-        ("write 8 of 32: 0F at 8", lambda: board.write_many(8, bits(8)[:8]), True),
-        ("read 32 again: 01", lambda: board.read(0, 32), bits(1, 3, 16, 20)),
-        ("toggle one: 05 0x5500 at 0", None, True),
-        ("toggle all: 05 0x5500 at 0x00FF", None, True),
-        ("read 8 after: 01", lambda: board.read(0, 8), bits(1, 3)[:8]),
-        ("address: 03 at 0x4000", lambda: board.register(0x4000), 1),
-        ("version: 03 at 0x8000", lambda: board.register(0x8000), 200),
-        ("baud rate: 06 at 0x2000", lambda: board.write_register(0x2000, 1), True),
-        ("read 33: 01 is refused", lambda: board.read(0, 33), "refused"),
-        ("all off again: 05 at 0x00FF", lambda: board.write(ALL, OFF), True),
-        ("read 32 off: 01", lambda: board.read(0, 32), bits()),
-    ]
-    failed = 0
-    for name, act, expected in operations:
-        result = "not offered by this client" if act is None else attempt(act)
-        ok = act is None or result == expected
-        failed += not ok
-        print(json.dumps({"client": CLIENT, "operation": name, "result": result, "ok": ok}))
-    return 1 if failed else 0
-
-
-def attempt(act: Callable[[], Any]) -> Any:  # noqa: ANN401 - whatever the client returns
-    """What came of it; "refused" for an exception reply, the error's text for anything else."""
-    try:
-        return act()
-    except REFUSALS:
-        return "refused"
-    except Exception as error:
-        return f"{type(error).__name__}: {error}"
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+    try_board(Board(sys.argv[1]), toggles=False, refusal=ModbusError)

@@ -3,7 +3,7 @@
     python bench/interop/run.py [--only TEXT] [--page FILE]
 
 Environment: INTEROP_PYTHON, a newer Python for clients that need one; OWL_PY, the folder of the vendor's owl.py.
-Exit code 1 where an operation was refused or went wrong.
+Exit code 1 where an operation went wrong, or was refused without a known reason (clients.py).
 """
 
 import argparse
@@ -49,11 +49,11 @@ def main() -> int:
         addresses = dict[Target, str]()
         for options in (("alicat-ascii", "rtu"), ("alicat-modbus", "tcp")):
             addresses |= stack.enter_context(served(*options))
-        runs = [told(run_client(client, addresses[client.target])) for client in clients]
+        runs = [told(run_client(client, addresses.get(client.target, ""))) for client in clients]
     about = f"labctl {__version__}, Python {platform.python_version()}, {platform.system()}"
     chosen.page.write_text(page_of(runs, time.strftime("%Y-%m-%d"), about), encoding="utf-8")
     print(f"written to {chosen.page}")
-    return int(any(row.result in ("refused", "wrong") for ran in runs for row in ran.rows))
+    return int(any(ran.unexplained() for ran in runs))
 
 
 @contextmanager
@@ -113,14 +113,18 @@ def run_client(client: Client, address: str) -> Ran:
             out, err = process.communicate()
             ended = None
     rows = [
-        Row(line["operation"], line["result"], line["detail"].replace(address, "ADDRESS")[:DETAIL_CHARACTERS])
+        Row(
+            line["operation"],
+            line["result"],
+            line["detail"].replace(address or "\0", "ADDRESS")[:DETAIL_CHARACTERS],
+        )
         for line in map(json.loads, filter(lambda text: text.startswith("{"), out.splitlines()))
     ]
     if ended is None:
         rows.append(Row("the whole", "wrong", f"did not end within {CLIENT_TIMEOUT_S:g} s"))
     elif ended:
         rows.append(Row("the whole", "wrong", (err.strip().splitlines() or [f"exit code {ended}"])[-1]))
-    return Ran(client.name, version, client.target, tuple(rows))
+    return Ran(client.name, version, client.target, tuple(rows), differences=client.differences)
 
 
 def environment_of(client: Client) -> tuple[Path, tuple[str, ...]]:
@@ -129,6 +133,8 @@ def environment_of(client: Client) -> tuple[Path, tuple[str, ...]]:
     Raises:
         AbsentError: the client is not here.
     """
+    if client.own:
+        return Path(sys.executable), ()
     if client.variable is not None:
         folder = os.environ.get(client.variable)
         if folder is None:
