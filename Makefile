@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-gauge bench-markers bench-vent bench-rig interop wire-table clean
+.PHONY: inflate test test-long kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-gauge bench-markers bench-vent bench-rig interop wire-table clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -13,8 +13,12 @@ inflate: $(INSTALLED)  ## the main job, on the simulated rig
 # comes after it, one test after the other, beside a sleeper (tests/real_time.py).
 test: $(INSTALLED)  ## every check and every test
 	@$(MAKE) --no-print-directory --jobs 2 --output-sync check kernels
-	$(BIN)/pytest -n 2 --dist loadfile -m "not real_time"
-	$(BIN)/pytest -m real_time
+	$(BIN)/pytest -n 2 --dist loadfile -m "not real_time and not long"
+	$(BIN)/pytest -m "real_time and not long"
+
+test-long: $(INSTALLED) kernels  ## further cases of what `make test` shows once: about 5 minutes
+	$(BIN)/pytest -n 2 --dist loadfile -m "long and not real_time"
+	$(BIN)/pytest -m "long and real_time"
 
 kernels: $(INSTALLED)  ## the compiled simulator, which each stream of tests would else compile for itself
 	$(BIN)/python -c 'from sim.warm import compile_kernels as ready; [ready(print, solver, precision) \

@@ -170,7 +170,10 @@ class FaultPanel:
 
     def active(self, kind: str) -> Fault | None:
         """The fault of that kind if it is there and has begun."""
-        return next(iter(self.all_active(kind)), None)
+        for fault in self._faults:
+            if fault.kind == kind and self._begun(fault):
+                return fault
+        return None
 
     def all_active(self, kind: str) -> tuple[Fault, ...]:
         """The faults of that kind that have begun."""

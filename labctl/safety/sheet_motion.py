@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labctl.instruments.readings import MarkerFrames
-from labctl.mocap.window import samples
+from labctl.mocap.window import sample_places
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -89,7 +89,7 @@ class MarkerSteps:
 
     def take(self, frames: MarkerFrames) -> int:
         """Take the frames of a batch; returns how many markers the fullest of them showed."""
-        samples_mm, _ = samples(frames, self._ids)
+        samples_mm, _ = sample_places(frames, self._ids)
         numbers = np.floor(frames.time_s / self._step_s).astype(np.int64)
         for row in range(len(frames)):
             if numbers[row] != self._number:

@@ -132,6 +132,7 @@ def test_a_file_of_endless_brackets_is_refused(searched, tmp_path, capsys, name)
     assert "damaged" in fails(capsys, "show", tmp_path)
 
 
+@pytest.mark.long
 def test_show_scores_the_published_way_too(searched, capsys):
     folder, shown_json = searched
 
@@ -150,6 +151,7 @@ def test_show_scores_the_published_way_too(searched, capsys):
 
 # It must still search when it is killed.
 @pytest.mark.real_time
+@pytest.mark.long
 @pytest.mark.parametrize("after", [0.0, 0.3])
 def test_a_killed_search_ends_as_if_nothing_had_been(searched, start, tmp_path, capsys, after):
     folder, _ = searched
@@ -165,6 +167,7 @@ def test_a_killed_search_ends_as_if_nothing_had_been(searched, start, tmp_path, 
     assert (tmp_path / "b" / "population.json").read_bytes() == (folder / "population.json").read_bytes()
 
 
+@pytest.mark.long
 def test_a_search_on_a_cluster_ends_as_on_this_machine(searched, tmp_path, capsys):
     out = tmp_path / "b"
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", memory_limit=0) as cluster:
@@ -301,7 +304,7 @@ def test_more_generations_and_several_seeds(tmp_path, capsys):
         (["--scoring", "published", "--surface", "top"], "--surface"),
         (["--workers", "0"], "--workers"),
         (["--workers", "2", "--cluster", "tcp://127.0.0.1:1"], "--cluster"),
-        (["--cluster", "tcp://127.0.0.1:1"], "127.0.0.1:1"),
+        pytest.param(["--cluster", "tcp://127.0.0.1:1"], "127.0.0.1:1", marks=pytest.mark.long),
         (["--design", "nothing"], "no design named"),
         (["--rig", "nothing.toml"], "nothing.toml"),
         (["--resume"], "holds no run to resume"),

@@ -29,7 +29,7 @@ def test_vent_reaches_an_inflate_from_any_folder(start, labctl_process, served, 
     assert "stopped by labctl vent from another terminal" in running.err
 
 
-@pytest.mark.parametrize("step", ["trial 1: wait", "trial 1: hold"])
+@pytest.mark.parametrize("step", [pytest.param("trial 1: wait", marks=pytest.mark.long), "trial 1: hold"])
 def test_a_process_that_has_stopped_is_ended_and_the_rig_vented(start, labctl_process, served, step):
     running = start(*SPHERE, served.rig)
     running.wait_for(step)

@@ -25,7 +25,7 @@ def bytes_of(path):
     return found
 
 
-@pytest.mark.parametrize("valves", ["rtu", "tcp"])
+@pytest.mark.parametrize("valves", ["rtu", pytest.param("tcp", marks=pytest.mark.long)])
 def test_every_byte_of_an_inflation_is_there_both_ways(tmp_path, valves):
     theirs, ours = tmp_path / "doubles.log", tmp_path / "lab.log"
     with serve_doubles(tmp_path, "--valves", valves, "--log", f"wire={theirs}") as served:
@@ -42,7 +42,7 @@ def test_every_byte_of_an_inflation_is_there_both_ways(tmp_path, valves):
         assert len(said) - len(heard) < (100 if name != "markers" else 1 << 20)
 
 
-@pytest.mark.parametrize("log", ["wire=/dev/full", "all=/dev/full"])
+@pytest.mark.parametrize("log", ["wire=/dev/full", pytest.param("all=/dev/full", marks=pytest.mark.long)])
 def test_a_full_disk_keeps_no_rig_from_safe(tmp_path, log):
     with serve_doubles(tmp_path) as served:
         ended = run_labctl("inflate", "--pattern", "sphere", "--rig", served.rig, "--log", log)

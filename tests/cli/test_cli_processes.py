@@ -76,7 +76,9 @@ def test_a_program_that_hangs_is_ended_and_the_rig_vented(start, doubles_with):
         assert served.is_safe()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGHUP, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
+)
 def test_ctrl_c_termination_and_a_closed_terminal_end_in_safe(start, served, number):
     running = start(*SPHERE, served.rig)
     running.wait_for("ramp to")
@@ -114,6 +116,7 @@ def inflating_on_a_stopped_terminal(served, step):
         os.close(master)
 
 
+@pytest.mark.long
 def test_a_stopped_terminal_does_not_keep_the_pressure_up(doubles_with):
     with doubles_with() as served, inflating_on_a_stopped_terminal(served, b"hold") as process:
         process.send_signal(signal.SIGKILL)
@@ -128,7 +131,9 @@ def test_a_run_on_a_stopped_terminal_comes_to_its_end(doubles_with):
         assert served.is_safe()
 
 
-@pytest.mark.parametrize("redirection", ["2>&-", ">&-", ">/dev/full"])
+@pytest.mark.parametrize(
+    "redirection", [">/dev/full", *(pytest.param(each, marks=pytest.mark.long) for each in ("2>&-", ">&-"))]
+)
 def test_an_inflate_that_nobody_hears_ends_in_safe_without_a_traceback(served, redirection):
     inflate = f"{sys.executable} -m labctl inflate --pattern cylinder --pressure 1psi --rig {served.rig}"
     done = in_a_shell(f"{inflate} {redirection}")
@@ -138,7 +143,7 @@ def test_an_inflate_that_nobody_hears_ends_in_safe_without_a_traceback(served, r
     assert served.is_safe()
 
 
-@pytest.mark.parametrize("redirection", ["2>/dev/full", "| head -1"])
+@pytest.mark.parametrize("redirection", ["| head -1", pytest.param("2>/dev/full", marks=pytest.mark.long)])
 def test_nobody_who_does_not_listen_ends_a_measurement(served, trials_of, kinds_of, tmp_path, redirection):
     ledger = tmp_path / "ledger"
     run = "labctl run inflate --pattern sphere --pressure 1psi"
@@ -189,6 +194,7 @@ def test_kill_9_loses_no_committed_trial_and_repeats_at_most_one(
     assert went_on.detail["without_record"] == [{"number": 2, "attempt": 1}]
 
 
+@pytest.mark.long
 def test_a_run_pauses_goes_on_and_is_aborted_from_another_terminal(
     start, labctl_process, served, kinds_of, tmp_path
 ):

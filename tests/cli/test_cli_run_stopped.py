@@ -38,16 +38,16 @@ def test_ctrl_c_is_recorded_and_the_run_goes_on_at_its_next_trial(lab, trials_of
 @pytest.mark.parametrize(
     ("moment", "outcomes"),
     [
-        ("simulating the patterns", None),
+        pytest.param("simulating the patterns", None, marks=pytest.mark.long),
         ("opening the rig", None),
         ("taking the rig to SAFE", ["aborted"]),
-        ("trial 1: wait", ["aborted"]),
-        ("trial 1: capture the uninflated", ["aborted"]),
-        ("trial 1: jam", ["aborted"]),
+        pytest.param("trial 1: wait", ["aborted"], marks=pytest.mark.long),
+        pytest.param("trial 1: capture the uninflated", ["aborted"], marks=pytest.mark.long),
+        pytest.param("trial 1: jam", ["aborted"], marks=pytest.mark.long),
         ("trial 1: ramp", ["aborted"]),
         ("trial 1: hold", ["aborted"]),
-        ("trial 1: capture the sheet", ["aborted"]),
-        ("trial 1: vent", ["aborted"]),
+        pytest.param("trial 1: capture the sheet", ["aborted"], marks=pytest.mark.long),
+        pytest.param("trial 1: vent", ["aborted"], marks=pytest.mark.long),
         ("trial 2: wait", ["good", "aborted"]),
     ],
 )
@@ -97,7 +97,7 @@ def test_a_run_pauses_goes_on_and_is_aborted_from_another_terminal(
     assert labctl("pause", *ledger).code == 2
 
 
-@pytest.mark.parametrize("stop", ["ctrl-c", "abort"])
+@pytest.mark.parametrize("stop", ["ctrl-c", pytest.param("abort", marks=pytest.mark.long)])
 def test_a_run_that_is_paused_can_be_ended(lab, labctl, trials_of, kinds_of, tmp_path, stop):
     ledger = ("--ledger", tmp_path / "ledger")
     lab.at("trial 1: jam", lambda: labctl("pause", *ledger))

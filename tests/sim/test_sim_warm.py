@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import sim
 from sim.warm import compile_kernels
 
@@ -28,6 +30,7 @@ def copy_package(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_the_first_use_on_a_machine_says_one_line_and_so_does_a_damaged_cache(tmp_path):
     folder = copy_package(tmp_path)
     first = python(folder, WARM)
@@ -68,6 +71,7 @@ def test_a_cache_folder_of_ones_own_knows_the_sources_too(tmp_path):
     assert python(folder, CACHE, NUMBA_CACHE_DIR=cache) != before
 
 
+@pytest.mark.long
 def test_without_any_folder_to_write_to_it_compiles_every_time(tmp_path):
     folder = copy_package(tmp_path)
     (tmp_path / "file").touch()
