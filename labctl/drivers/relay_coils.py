@@ -4,7 +4,7 @@ What a board knows is found by asking, and nothing that can be read in two ways 
 seen that answers function 01 with its data bytes last first (simonvetter/modbus, issue 47), so a reply of several
 bytes that reads differently backwards counts only once the same coils were read eight at a time, one byte a reply,
 where there is no order. Function 0F goes out eight coils at a time for the same reason. An old firmware knows only
-function 01 at 0x00FF (one byte, eight channels) and function 05 (docs/reference/hardware.md, 7).
+function 01 at 0x00FF (one byte, eight channels) and function 05 (docs/reference/hardware.md, 2a).
 """
 
 from collections.abc import Collection, Sequence
