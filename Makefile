@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: inflate test test-long kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-gauge bench-markers bench-vent bench-rig interop wire-table clean
+.PHONY: inflate test test-long kernels check format bench-sim bench-evolve bench-protocols bench-kill bench-gauge bench-faults bench-markers bench-vent bench-rig interop wire-table clean
 
 inflate: $(INSTALLED)  ## the main job, on the simulated rig
 	$(BIN)/labctl inflate --pattern sphere
@@ -38,7 +38,7 @@ bench-evolve: $(INSTALLED)  ## the search against others, its operators and its 
 	$(BIN)/python bench/evolve_operators.py --out runs/bench/operators.json
 	$(BIN)/python bench/evolve_speed.py
 
-bench-protocols: $(INSTALLED)  ## all five protocols on doubles at 20 times their time: under 5 minutes
+bench-protocols: $(INSTALLED)  ## every protocol but inflate on doubles at 20 times their time: under 5 minutes
 	$(BIN)/python bench/all_protocols.py
 
 bench-kill: $(INSTALLED)  ## kill -9 at 200 random moments of a run: about half an hour

@@ -96,18 +96,19 @@ def _no_way_to_vent(document: Document) -> Iterator[Problem]:
 
 
 def _modbus_keys_elsewhere(document: Document) -> Iterator[Problem]:
-    regulator = _section(document, "regulator")
-    if regulator.get("driver") != "alicat-ascii":
-        return
     reasons = {
         "pressure_unit_proven": "the device tells its unit itself over ASCII, and it is compared",
         "word_order": "ASCII has no words",
     }
-    for key, reason in reasons.items():
-        if key in regulator:
-            yield problem_at(
-                document, ("regulator", key), f'is for driver = "alicat-modbus" only ({reason}); leave it out'
-            )
+    for section in ("regulator", "gauge"):
+        instrument = _section(document, section)
+        if instrument.get("driver") != "alicat-ascii":
+            continue
+        for key, reason in reasons.items():
+            if key in instrument:
+                yield problem_at(
+                    document, (section, key), f'is for driver = "alicat-modbus" only ({reason}); leave it out'
+                )
 
 
 def _repeated_points(document: Document) -> Iterator[Problem]:

@@ -55,7 +55,10 @@ class RegulatorConfig:
 
 @dataclass(frozen=True)
 class GaugeConfig:
-    """A second gauge of the sheet's pressure, which is read and never written to; the keys are the regulator's."""
+    """A second gauge of the sheet's pressure, which is read and never written to; the keys are the regulator's.
+
+    A wrong unit needs no proof of its own: such a gauge and the regulator contradict each other in the first ramp.
+    """
 
     name: str
     driver: Literal["alicat-ascii", "alicat-modbus"]
@@ -65,6 +68,7 @@ class GaugeConfig:
     device_id: int
     pressure_unit: PressureUnit
     timeout_s: float
+    word_order: WordOrder = "high-first"
 
 
 @dataclass(frozen=True)

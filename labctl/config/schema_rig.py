@@ -131,6 +131,7 @@ class GaugeSection(Section):
     unit_id: Annotated[str, PlainValidator(Text("one letter from A to Z", "[A-Z]"))] = "A"
     device_id: DeviceId = 1
     pressure_unit: Annotated[PressureUnit, PlainValidator(OneOf(("psi", "kPa", "bar", "mbar")))]
+    word_order: Annotated[WordOrder, PlainValidator(OneOf(("high-first", "low-first")))] = "high-first"
     timeout: Exchange = 0.5
 
     def config(self) -> GaugeConfig:
@@ -144,6 +145,7 @@ class GaugeSection(Section):
             device_id=self.device_id,
             pressure_unit=self.pressure_unit,
             timeout_s=self.timeout,
+            word_order=self.word_order,
         )
 
 

@@ -82,10 +82,15 @@ _REGULATOR = {
     "following-sensor": FaultKind("the reading is the setpoint, whatever the truth"),
     "low-supply": FaultKind("the supply has VALUE psi", "psi"),
     "unit-bar": FaultKind("the device is set to bar, whatever rig.toml says"),
+}
+
+# Of a regulator or a second gauge on Modbus only.
+_MODBUS = {
     "swapped-words": FaultKind("Modbus: a gateway exchanges the words of 32-bit values, both ways"),
     "swapped-bytes": FaultKind("Modbus: a gateway exchanges the bytes of every word, both ways"),
     "unknown-status-bit": FaultKind("Modbus: status bit 20, which the map does not have, is set"),
 }
+MODBUS_ONLY = frozenset(_MODBUS)
 
 # Of a regulator on ASCII only.
 _ASCII = {
@@ -145,8 +150,8 @@ OF_SOME_MARKERS = frozenset({"outliers", "scattered", "twice", "not-a-number", "
 #: Per instrument its kinds of fault.
 KINDS: Mapping[Instrument, Mapping[str, FaultKind]] = MappingProxyType(
     {
-        "regulator": MappingProxyType({**_ANY_LINE, **_OBEYS, **_SENSOR, **_REGULATOR, **_ASCII}),
-        "gauge": MappingProxyType({**_ANY_LINE, **_SENSOR}),
+        "regulator": MappingProxyType({**_ANY_LINE, **_OBEYS, **_SENSOR, **_REGULATOR, **_MODBUS, **_ASCII}),
+        "gauge": MappingProxyType({**_ANY_LINE, **_SENSOR, **_MODBUS}),
         "valves": MappingProxyType({**_ANY_LINE, **_OBEYS, **_VALVES}),
         "markers": MappingProxyType({**_ANY_REPLY, **_MARKERS}),
     }

@@ -7,7 +7,7 @@ from typing import Literal
 
 from labctl.config.design import Design
 from labctl.doubles.alicat_variants import NEWEST, FirmwareName
-from labctl.doubles.fault_kinds import ASCII_ONLY
+from labctl.doubles.fault_kinds import ASCII_ONLY, MODBUS_ONLY
 from labctl.doubles.faults import Faults
 from labctl.doubles.markers import MarkerSettings
 from labctl.doubles.plant import PlantSettings
@@ -82,6 +82,16 @@ class DoublesSettings:
                     )
 
     def _check_regulator(self) -> None:
+        for instrument, driver, faults, option in (
+            ("regulator", self.regulator, self.faults.regulator, "--regulator"),
+            ("gauge", self.second_gauge, self.faults.gauge, "--second-gauge"),
+        ):
+            for fault in faults:
+                if fault.kind in MODBUS_ONLY and driver == "alicat-ascii":
+                    raise BadInput(
+                        f"fault {instrument}={fault.kind} is one of the Modbus protocol, and the {instrument} is "
+                        f"{driver}: use {option} alicat-modbus"
+                    )
         if self.regulator == "alicat-ascii":
             return
         if self.regulator_firmware != NEWEST:

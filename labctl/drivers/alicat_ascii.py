@@ -72,7 +72,7 @@ class AlicatAscii:
         plausible_psi: tuple[float, float] = (-15.0, 22.5),
     ) -> None:
         if not re.fullmatch(r"[A-Z]", unit_id):
-            raise BadInput(f"{name}: unit id {unit_id!r} is not one letter from A to Z (regulator.unit_id)")
+            raise BadInput(f"{name}: unit id {unit_id!r} is not one letter from A to Z (unit_id)")
         self.name = name
         self.can_exhaust = dual_valve
         self.max_setpoint_psi = max_setpoint_psi

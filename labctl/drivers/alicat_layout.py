@@ -209,5 +209,5 @@ def _check_unit(name: str, label: str, unit: PressureUnit) -> None:
     if plain not in (unit.casefold(), unit.casefold() + "g"):
         raise InstrumentRefused(
             f"{name}: the device is set to {label}, the configuration says {unit}; change the device's unit "
-            "or regulator.pressure_unit, so that both agree"
+            "or its pressure_unit in rig.toml, so that both agree"
         )

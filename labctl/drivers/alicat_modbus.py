@@ -328,9 +328,10 @@ class AlicatModbus:
             if order != self._order and self._could_be(decoded := decode(words, order))
         ]
         advice = (
-            f"they would be a pressure of {' or '.join(others)}: set the gateway's order, or regulator.word_order"
+            f"they would be a pressure of {' or '.join(others)}: set the gateway's order, or this instrument's "
+            "word_order in rig.toml"
             if others
-            else f"check model and gateway, and that the device's unit is {self._unit} (regulator.pressure_unit)"
+            else f"check model and gateway, and that the device's unit is {self._unit} (pressure_unit)"
         )
         return GarbledReply(
             f"{self.name}: {what} (registers {_hexadecimal(words)}, words {self._order}); {advice}"

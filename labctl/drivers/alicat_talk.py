@@ -73,5 +73,5 @@ class AlicatTalk:
                 f"{self._name}: the device does not know {self._unit_id + command!r}; check model and firmware"
             )
         if not is_of_unit(line, self._unit_id):
-            raise self.garbled(f"{line!r} is not an answer of unit {self._unit_id}; check regulator.unit_id")
+            raise self.garbled(f"{line!r} is not an answer of unit {self._unit_id}; check unit_id")
         return line

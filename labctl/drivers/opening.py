@@ -72,6 +72,7 @@ def open_gauge(
         device_id=config.device_id,
         pressure_unit=config.pressure_unit,
         timeout_s=config.timeout_s,
+        word_order=config.word_order,
     )
     return open_regulator(as_regulator, limits, clock, wires)
 

@@ -16,5 +16,5 @@ def check_setpoint(name: str, setpoint_psi: float, max_setpoint_psi: float) -> N
     if setpoint_psi > max_setpoint_psi:
         raise SetpointOutOfRange(
             f"{name}: setpoint {setpoint_psi:g} psi is above the rig's limit of {max_setpoint_psi:g} psi "
-            "(limits.max_pressure_psi)"
+            "(limits.max_pressure)"
         )

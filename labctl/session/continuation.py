@@ -1,11 +1,11 @@
 """A run that is continued: with its recorded request, on a rig and by a plan that measure as at its start."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import MISSING, asdict, fields
 from typing import Any
 
 from labctl.config.load import design_from_text
-from labctl.config.rig import MeasurementConfig, RigConfig
+from labctl.config.rig import Limits, MeasurementConfig, RegulatorConfig, RigConfig
 from labctl.errors import BadInput
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.records import RunRecord
@@ -22,13 +22,27 @@ from labctl.session.provenance import commit, versions
 _MAY_DIFFER = frozenset(
     {
         *("source", "speed", "port", "baudrate", "host", "tcp_port", "server_number", "timeout_s"),
-        *("gauge", "tare_within_psi", "gauge_agreement_psi"),
+        *(
+            "gauge",
+            "tare_within_psi",
+            "gauge_agreement_psi",
+            "rest_within_psi",
+            "still_after_s",
+            "sheet_response_s",
+        ),
+        *("sheet_creep", "unseen_after_s", "warn_lateness_s", "max_lateness_s", "pressure_unit_proven"),
     }
 )
-# Keys that rigs recorded earlier do not have, with what they then stand for.
+# What a key stands for that a rig recorded before the key was there does not have.
 _ADDED: Mapping[str, Any] = {
-    "max_left_out": MeasurementConfig.max_left_out,
-    "max_left_out_of_all": MeasurementConfig.max_left_out_of_all,
+    f"{section}.{field.name}": field.default
+    for section, kept in (
+        ("limits", Limits),
+        ("measurement", MeasurementConfig),
+        ("regulator", RegulatorConfig),
+    )
+    for field in fields(kept)
+    if field.default is not MISSING
 }
 _MOST_NAMED = 6
 
@@ -120,11 +134,8 @@ def changed_instruments(run: RunRecord, rig: Rig) -> tuple[str, ...]:
 def _differences(before: Mapping[str, Any], after: Mapping[str, Any], path: str) -> Sequence[str]:
     found: list[str] = []
     for key in before.keys() | after.keys():
-        old, new, name = (
-            _by_place(before.get(key, _ADDED.get(key))),
-            _by_place(after.get(key)),
-            f"{path}{key}",
-        )
+        name = f"{path}{key}"
+        old, new = _by_place(before.get(key, _ADDED.get(name))), _by_place(after.get(key))
         if key in _MAY_DIFFER:
             continue
         if isinstance(old, Mapping) and isinstance(new, Mapping):

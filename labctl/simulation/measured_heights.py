@@ -23,6 +23,8 @@ _KNOWN_COLUMN = re.compile(r"point|[xy]_(?:cm|mm)|z_mm_at_\d+(?:\.\d+)?_psi")
 _WHOLE = re.compile(r"[1-9]\d*(?:\.0+)?", re.ASCII)
 _MM = {"mm": 1.0, "cm": 10.0}
 KNOWN = ("point", "x_cm", "y_cm", "x_mm", "y_mm")
+# More are a mistake: a number of another column, or one that was pasted twice.
+MOST_POINTS = 10_000
 _LONG = ("pressure_psi", "height_mm")
 
 
@@ -177,7 +179,18 @@ def _names(table: Spreadsheet) -> list[int]:
     ]
     if wrong:
         raise BadInput(f"{table.path}: point: {some(wrong)}: number the points 1, 2, 3, ...")
-    return [int(float(text)) for text in texts]
+    numbers = [float(text) for text in texts]
+    large = [
+        f"line {table.line(row)}: {texts[row][:20]!r}"
+        for row, number in enumerate(numbers)
+        if number > MOST_POINTS
+    ]
+    if large:
+        raise BadInput(
+            f"{table.path}: point: {some(large)}: points are numbered 1, 2, 3, ... up to {MOST_POINTS} at most; is "
+            "this another column, such as the markers' ids?"
+        )
+    return [int(number) for number in numbers]
 
 
 def _measured(

@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from labctl.errors import BadInput
+
 SPHERE = ("inflate", "--pattern", "sphere", "--rig")
 PROOF = 'pressure_unit_proven = "the double is made in psi"\n'
 
@@ -24,7 +26,10 @@ def modbus_with(lab_with):
 
 # Fault, and what doctor, inflate and vent say of it.
 NO_READINGS = [
-    ("swapped-words", "with the words low-first: set the gateway's order, or regulator.word_order"),
+    (
+        "swapped-words",
+        "with the words low-first: set the gateway's order, or this instrument's word_order in rig.toml",
+    ),
     ("swapped-bytes", "with the words high-first, bytes exchanged: set the gateway's order"),
     ("unknown-status-bit", "status bit 20 is set, which the map does not have"),
 ]
@@ -70,13 +75,30 @@ def test_a_gateway_that_exchanges_words_can_be_used_by_word_order(modbus_with):
     assert "words low-first, as readings have shown" in lab("doctor", "--rig", lab.rig).out
 
 
+def test_a_second_gauge_behind_such_a_gateway_can_be_used_too(lab_with):
+    faults, gauge = "gauge=swapped-words", {"second_gauge": "alicat-modbus"}
+    in_vain = lab_with(faults, **gauge)
+    refused = in_vain(*SPHERE, in_vain.rig)
+    assert refused.code == 2
+    assert "gauge B" in refused.err
+    assert "this instrument's word_order in rig.toml" in refused.err
+    assert "regulator" not in refused.err
+
+    def low_first_gauge(text):
+        return text.replace("[gauge]\n", '[gauge]\nword_order = "low-first"\n')
+
+    lab = lab_with(faults, change=low_first_gauge, **gauge)
+    done = lab(*SPHERE, lab.rig, "--json")
+    assert done.code == 0, done.err
+
+
 def test_word_order_low_first_is_refused_where_the_words_are_not_exchanged(modbus_with):
     lab = modbus_with(change=low_first)
     lab.time.sleep(1)
     refused = lab(*SPHERE, lab.rig)
     assert refused.code == 2
     assert "psi with the words high-first" in refused.err
-    assert "regulator.word_order" in refused.err
+    assert "word_order" in refused.err
     assert lab.plant.highest_psi == 0
 
 
@@ -136,3 +158,10 @@ def test_the_users_word_is_printed_with_every_output(modbus_with, tmp_path):
     assert word in inflated.out
     shown = lab("show", "1", "--ledger", ledger).out
     assert "psi as configured, proven: the double is made in psi" in shown
+
+
+@pytest.mark.parametrize("where", [{}, {"second_gauge": "alicat-ascii"}])
+def test_a_fault_of_the_modbus_protocol_is_no_fault_of_one_on_ascii(lab_with, where):
+    instrument = "gauge" if where else "regulator"
+    with pytest.raises(BadInput, match=f"{instrument}=swapped-words is one of the Modbus protocol"):
+        lab_with(f"{instrument}=swapped-words", **where)

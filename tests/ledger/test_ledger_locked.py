@@ -87,6 +87,21 @@ def locked_from_the_first_trial(folder, notices):
         yield run
 
 
+def test_what_is_no_lock_is_not_called_one(tmp_path, monkeypatch):
+    folder, notices = tmp_path / "ledger", Notices()
+    with LedgerWriter.open(folder, notices, patience_s=0.0) as ledger:
+        run = ledger.begin_run(a_run())
+        with locked(folder):
+            ledger.add_trial(a_trial(run.number, 1))
+
+        def full(connection, rows):
+            raise sqlite3.OperationalError("database or disk is full")
+
+        monkeypatch.setattr("labctl.ledger.store.appender.insert", full)
+    assert "could not be written (database or disk is full)" in notices.lines[-1]
+    assert "locked" not in notices.lines[-1]
+
+
 def test_who_has_it_open_is_named(tmp_path):
     folder, notices = tmp_path / "ledger", Notices()
     browse = (

@@ -39,6 +39,23 @@ def test_a_rig_recorded_before_there_were_limits_of_what_is_left_out_had_the_def
         require_same_rig(a_run(rig=before), stricter)
 
 
+def test_a_rig_recorded_before_a_key_was_there_had_its_default():
+    before = asdict(CONFIG)
+    for key in ("rest_within_psi", "still_after_s", "sheet_response_s", "unseen_after_s", "max_lateness_s"):
+        del before["limits"][key]
+    for key in ("pressure_unit_proven", "word_order"):
+        del before["regulator"][key]
+    require_same_rig(a_run(rig=before), CONFIG)
+    otherwise = replace(CONFIG, regulator=replace(CONFIG.regulator, word_order="low-first"))
+    with pytest.raises(BadInput, match=r"regulator\.word_order was high-first and is low-first"):
+        require_same_rig(a_run(rig=before), otherwise)
+
+
+def test_what_guards_a_rig_may_be_set_otherwise():
+    limits = replace(CONFIG.limits, still_after_s=0.5, sheet_response_s=3.0)
+    require_same_rig(a_run(rig=asdict(CONFIG)), replace(CONFIG, limits=limits))
+
+
 def test_of_many_points_the_one_that_moved_is_named():
     points = list(CONFIG.markers.points)
     points[3] = replace(points[3], x_mm=36.0)

@@ -89,6 +89,8 @@ DOUBTFUL = {
     "words": (PLAIN.replace("1.75", "about 2"), "line 2, z_mm_at_3.9_psi: 'about 2'"),
     "half a row": (PLAIN[:-12], "line 4: not as many cells"),
     "a point that has no number": (PLAIN.replace("\n2,", "\nP2,"), "point: line 3: 'P2': number the points"),
+    "a point's number of 400 digits": (PLAIN.replace("\n2,", f"\n{'9' * 400},"), "point: line 3: '99999"),
+    "another column's number": (PLAIN.replace("\n2,", "\n100000000000,"), "up to 10000 at most"),
     "a point twice": (PLAIN.replace("\n2,", "\n1,"), "point 1 is there more than once"),
     "nothing": ("", "the head is empty"),
     "an infinite height": (PLAIN.replace("1.75", "inf"), "line 2, z_mm_at_3.9_psi: 'inf'"),

@@ -3,7 +3,6 @@
 import sqlite3
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
 from labctl.ledger.disk import format_locked, is_locked
@@ -50,14 +49,17 @@ class Appender:
 
     def close(self) -> None:
         """Put in what waits, if the file is free, and close it; may be called twice."""
+        why = format_locked(self._path)
         if self._waiting:
-            with suppress(sqlite3.Error):
+            try:
                 if self._insert(self._waiting, 0.0):
                     self._waiting = []
+            except sqlite3.Error as error:
+                why = f"{self._path} could not be written ({error})"
         if self._waiting:
             self._notify(
-                f"{format_locked(self._path)}. {len(self._waiting)} rows are safe in the journal beside it, and are "
-                "put in when the ledger is next written to"
+                f"{why}. {len(self._waiting)} rows are safe in the journal beside it, and are put in when the ledger "
+                "is next written to"
             )
             self._waiting = []
         self._connection.close()
