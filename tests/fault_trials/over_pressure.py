@@ -181,6 +181,7 @@ class Trials:
         self.tallies = {state: Tally(state) for state in STATES}
         self.injections = 0
         self._length_s = dict.fromkeys(STATES, 0.3)
+        self._injection = None
 
     def run(self, injections):
         """So many more."""
@@ -314,7 +315,7 @@ class Trials:
             watched.begin()
             watched.inject(rate_psi_per_s, to_psi, vented)
 
-        watched.time.start_thread(run, "the test's fault")
+        self._injection = watched.time.start_thread(run, "the test's fault")
 
     def _until_tripped(self, watched, rig):
         end_s = watched.time.now_s() + LONGEST_S
@@ -323,6 +324,8 @@ class Trials:
 
     def _judge(self, watched, rig, state):
         """Let the vent come to its own, then write down when it came."""
+        # A rig that another rule refused or closed sooner does not keep the fault from beginning.
+        assert self._injection.join(LONGEST_S)
         tally = self.tallies[state]
         tally.injections += 1
         end_s = watched.time.now_s() + 1.0
@@ -349,6 +352,7 @@ class Trials:
     def _ready_again(self, watched, rig):
         """The latch released, or the rig opened anew where it cannot be."""
         if rig is None:
+            watched.time.sleep(3.0)
             return None
         try:
             rig.reset()
