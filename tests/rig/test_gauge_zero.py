@@ -36,7 +36,9 @@ def test_a_zero_that_is_off_is_refused_before_anything_is_energised(rig_with, se
 
     assert f"the pressure reads {offset_psi:.2f} psi" in str(caught.value)
     assert "not 0 +- 0.1 psi" in str(caught.value)
-    assert "Nothing was energised" in str(caught.value)
+    # By its reading alone it may hold a pressure.
+    told = "was found energised (pressure 0.4" if offset_psi > 0.25 else "Nothing was energised"
+    assert told in str(caught.value)
     assert virtual.plant.state().setpoint_psi == 0
     assert not virtual.plant.state().coils
     # A regulator in control lets in what its gauge lacks, until its exhaust is opened.
