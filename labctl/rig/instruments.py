@@ -12,7 +12,7 @@ from labctl.clock import Clock, Scheduler
 from labctl.config.rig import RigConfig
 from labctl.drivers.opening import open_gauge, open_markers
 from labctl.errors import InstrumentError, LabError, RigUnavailable
-from labctl.instruments.interfaces import PressureGauge, PressureRegulator
+from labctl.instruments.interfaces import PressureGauge
 from labctl.instruments.readings import Identity, PressureReading
 from labctl.links.wires import Wires
 from labctl.rig.as_found import open_as_found
@@ -66,10 +66,15 @@ class RigInstruments:
             found = open_as_found(config, scheduler, wires, opened, notify, guard)
             self.regulator, self.valves = found.regulator, found.valves
             try:
-                self.zero_psi = _look_at_zero(self.regulator, config, clock, stop)
-                self.second_gauge, gauge_identity = self._open_gauge(config, scheduler, wires, clock, stop)
-                if self.second_gauge is not None:
-                    opened.callback(self.second_gauge.close)
+                stop.check()
+                # For both gauges: a regulator in control would fill the sheet by what its own zero lacks.
+                with no_gas_in(self.regulator):
+                    self.zero_psi = _read_zero(self.regulator, "regulator", config, clock, stop)
+                    self.second_gauge, gauge_identity = self._open_gauge(
+                        config, scheduler, wires, clock, stop
+                    )
+                    if self.second_gauge is not None:
+                        opened.callback(self.second_gauge.close)
                 markers = open_markers(config.markers, scheduler, clock, wires)
                 opened.callback(markers.close)
                 stop.check()
@@ -88,7 +93,7 @@ class RigInstruments:
     def _open_gauge(
         self, config: RigConfig, scheduler: Scheduler, wires: Wires, clock: Clock, stop: StopRequest
     ) -> tuple[SecondGauge | None, Identity | None]:
-        """The second gauge, at zero as the first one; the exhaust is open."""
+        """The second gauge, at zero as the first one; call it while no gas comes in."""
         if config.gauge is None:
             return None, None
         gauge = open_gauge(config.gauge, config.limits, scheduler, wires)
@@ -108,22 +113,15 @@ class RigInstruments:
             notify(f"closing: {error}")
 
 
-def _look_at_zero(regulator: PressureRegulator, config: RigConfig, clock: Clock, stop: StopRequest) -> float:
-    """What the gauge reads with the way out open, in psi.
+def _read_zero(
+    gauge: PressureGauge, section: GaugeSection, config: RigConfig, clock: Clock, stop: StopRequest
+) -> float:
+    """What a gauge reads with the way out open and no gas coming in, in psi.
 
     Raises:
         InstrumentError: it is not 0, from either side; with the causes.
         Stopped: the operator requested a stop.
     """
-    stop.check()
-    with no_gas_in(regulator):
-        return _read_zero(regulator, "regulator", config, clock, stop)
-
-
-def _read_zero(
-    gauge: PressureGauge, section: GaugeSection, config: RigConfig, clock: Clock, stop: StopRequest
-) -> float:
-    """What a gauge of a vented rig reads, in psi; raises as `_look_at_zero`."""
 
     def read() -> PressureReading:
         stop.check()
