@@ -104,17 +104,22 @@ def _regulator(config: "RigConfig", platform: "Platform") -> list[Finding]:
             _setpoint_source(identity),
         ]
         reading = _mean_reading(regulator, config, platform)
-        findings.append(
-            Finding(
-                regulator.name,
-                "ok",
-                f"reads {reading.gauge_psi:.2f} psi, setpoint {reading.setpoint_psi:.2f} psi, "
-                f"flags {' '.join(sorted(reading.status)) or 'none'}",
-            )
+        text = (
+            f"reads {reading.gauge_psi:.2f} psi, setpoint {reading.setpoint_psi:.2f} psi, "
+            f"flags {' '.join(sorted(reading.status)) or 'none'}"
         )
+        findings.append(_as_trusted(regulator.name, reading, text))
     finally:
         regulator.close()
     return findings
+
+
+def _as_trusted(name: str, reading: "PressureReading", text: str) -> Finding:
+    """What a gauge reads: a fault where the device itself marks it."""
+    if not reading.faults:
+        return Finding(name, "ok", text)
+    faults = " ".join(sorted(reading.faults))
+    return Finding(name, "fault", f"{text}; reports {faults}: its reading is not to be trusted")
 
 
 def _pressure_unit(config: "RigConfig") -> Finding:
@@ -144,7 +149,7 @@ def _gauge_zero(config: "RigConfig", platform: "Platform") -> list[Finding]:
     """What the reading says of the gauge's zero; only an open way out shows it from both sides."""
     from labctl.drivers.opening import open_regulator, open_valves
     from labctl.errors import LabError
-    from labctl.safety.safe_state import judge
+    from labctl.safety.safe_state import SETPOINT_ZERO_PSI, judge
     from labctl.safety.zero import zero_problem
 
     try:
@@ -164,7 +169,13 @@ def _gauge_zero(config: "RigConfig", platform: "Platform") -> list[Finding]:
     problem = zero_problem(reading.gauge_psi, limits)
     if problem is not None and state.only_zero_is_off:
         return [Finding("gauge zero", "fault", problem)]
-    if problem is not None and reading.setpoint_psi == 0:
+    setpoint_is_0 = abs(reading.setpoint_psi) <= SETPOINT_ZERO_PSI
+    if state.vented_by is not None:
+        # A zero that is off is one of them.
+        verdict = "fault" if problem is not None and setpoint_is_0 else "unknown"
+        text = f"{'; '.join(state.problems)}. labctl vent takes the rig to SAFE and looks"
+        return [Finding("gauge zero", verdict, text)]
+    if problem is not None and setpoint_is_0:
         text = (
             f"{reading.gauge_psi:.2f} psi at setpoint 0, not 0 +- {limits.zero_within_psi:g} psi: pressure is left, "
             "or the gauge's zero is off. labctl vent opens the way out and looks; if it reads so then too, tare"
@@ -188,9 +199,10 @@ def _second_gauge(config: "RigConfig", platform: "Platform") -> list[Finding]:
         gauge = open_gauge(config.gauge, config.limits, platform.scheduler, platform.wires)
         opened.callback(gauge.close)
         who = _who(gauge.identify())
-        second_psi = _mean_reading(gauge, config, platform).gauge_psi
+        second = _mean_reading(gauge, config, platform)
+        second_psi = second.gauge_psi
         text = f"{who}; reads {second_psi:z.2f} psi; compared with the regulator's all the time, never written to"
-        findings = [Finding(gauge.name, "ok", text)]
+        findings = [_as_trusted(gauge.name, second, text)]
         regulator = open_regulator(config.regulator, config.limits, platform.scheduler, platform.wires)
         opened.callback(regulator.close)
         first_psi = _mean_reading(regulator, config, platform).gauge_psi

@@ -67,6 +67,7 @@ def runs(ledger_folder: Path, as_json: bool) -> None:
         click.echo(
             f"{each['at'][:16].replace('T', ' ')} tared: {each['rig']}{' (SIMULATED)' if each['simulated'] else ''}, "
             f"which read {each['before_psi']:.2f} psi at 0"
+            + (f" (after the command: {each['error']})" if each.get("error") else "")
         )
     for detail in lost:
         rows = format_rows({int(seq): what for seq, what in detail["rows"].items()})

@@ -97,6 +97,11 @@ class Rfc2217Port:
             ) from error
         except OSError as error:
             raise self._broken(error) from error
+        # Whoever vents may close the port between any two lines: no writer is left, or pyserial has no socket.
+        except Exception as error:
+            if self._closed.is_set():
+                raise self._is_closed() from error
+            raise
         log_sent(self.name, data)
 
     def read_some(self, limit: int, deadline: Deadline) -> bytes:
@@ -147,7 +152,10 @@ class Rfc2217Port:
 
     def _require_open(self) -> None:
         if self._closed.is_set():
-            raise LinkDown(f"{self.name}: the port is closed; open the rig again")
+            raise self._is_closed()
+
+    def _is_closed(self) -> LinkDown:
+        return LinkDown(f"{self.name}: the port is closed; open the rig again")
 
     def _broken(self, error: OSError) -> LinkDown:
         return LinkDown(

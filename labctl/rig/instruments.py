@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 from labctl.clock import Clock, Scheduler
 from labctl.config.rig import RigConfig
-from labctl.drivers.opening import open_gauge, open_markers, open_regulator, open_valves
-from labctl.errors import InstrumentError, LabError, RigUnavailable, Unsafe
-from labctl.instruments.interfaces import PressureGauge, PressureRegulator, ValveBank
+from labctl.drivers.opening import open_gauge, open_markers
+from labctl.errors import InstrumentError, LabError, RigUnavailable
+from labctl.instruments.interfaces import PressureGauge
 from labctl.instruments.readings import Identity, PressureReading
 from labctl.links.wires import Wires
+from labctl.rig.as_found import open_as_found
 from labctl.rig.marker_feed import MarkerFeed
 from labctl.safety.guard import Guard
-from labctl.safety.safe_state import SETPOINT_ZERO_PSI, make_safe
 from labctl.safety.second_gauge import SecondGauge
 from labctl.safety.zero import GaugeSection, no_gas_in, wait_for_zero, zero_problem
 from labctl.stop import StopRequest
@@ -48,7 +48,7 @@ class RigInstruments:
     Raises:
         Unsafe: it was found energised and SAFE could not be read back.
         RigUnavailable: one is absent, silent, or not what rig.toml states, or the gauge does not read 0 where the
-            pressure must be 0; nothing was energised.
+            pressure must be 0; labctl energised nothing, and what was found energised was taken to SAFE.
         Stopped: the operator requested a stop while they were being opened.
     """
 
@@ -63,21 +63,18 @@ class RigInstruments:
         guard: Guard,
     ) -> None:
         with ExitStack() as opened:
+            found = open_as_found(config, scheduler, wires, opened, notify, guard)
+            self.regulator, self.valves = found.regulator, found.valves
             try:
-                self.regulator: PressureRegulator = open_regulator(
-                    config.regulator, config.limits, scheduler, wires
-                )
-                opened.callback(self.regulator.close)
-                self.valves: ValveBank = open_valves(config.valves, scheduler, wires)
-                opened.callback(self.valves.close)
-                found = _found_energised(self.regulator.read(), self.valves.read(), config)
-                if found:
-                    notify(f"{config.name} was found energised ({found}): taking it to SAFE")
-                    _make_safe(self.regulator, self.valves, config, scheduler, guard)
-                self.zero_psi = _look_at_zero(self.regulator, config, clock, stop)
-                self.second_gauge, gauge_identity = self._open_gauge(config, scheduler, wires, clock, stop)
-                if self.second_gauge is not None:
-                    opened.callback(self.second_gauge.close)
+                stop.check()
+                # For both gauges: a regulator in control would fill the sheet by what its own zero lacks.
+                with no_gas_in(self.regulator):
+                    self.zero_psi = _read_zero(self.regulator, "regulator", config, clock, stop)
+                    self.second_gauge, gauge_identity = self._open_gauge(
+                        config, scheduler, wires, clock, stop
+                    )
+                    if self.second_gauge is not None:
+                        opened.callback(self.second_gauge.close)
                 markers = open_markers(config.markers, scheduler, clock, wires)
                 opened.callback(markers.close)
                 stop.check()
@@ -87,7 +84,7 @@ class RigInstruments:
                 _require_as_configured(self.identities.regulator, config)
                 markers.start()
             except InstrumentError as error:
-                raise RigUnavailable(f"{error}. Nothing was energised ({config.source})") from error
+                raise RigUnavailable(f"{error}. {found.words} ({config.source})") from error
             self.feed = MarkerFeed(markers, scheduler)
             opened.callback(self.feed.close)
             self.feed.start()
@@ -96,7 +93,7 @@ class RigInstruments:
     def _open_gauge(
         self, config: RigConfig, scheduler: Scheduler, wires: Wires, clock: Clock, stop: StopRequest
     ) -> tuple[SecondGauge | None, Identity | None]:
-        """The second gauge, at zero as the first one; the exhaust is open."""
+        """The second gauge, at zero as the first one; call it while no gas comes in."""
         if config.gauge is None:
             return None, None
         gauge = open_gauge(config.gauge, config.limits, scheduler, wires)
@@ -116,55 +113,15 @@ class RigInstruments:
             notify(f"closing: {error}")
 
 
-def _found_energised(reading: PressureReading, channels_on: frozenset[int], config: RigConfig) -> str:
-    """What is on, as text; "" where nothing is."""
-    found = []
-    if abs(reading.setpoint_psi) > SETPOINT_ZERO_PSI:
-        found.append(f"setpoint {reading.setpoint_psi:.2f} psi")
-    if reading.gauge_psi > config.limits.safe_pressure_psi:
-        found.append(f"pressure {reading.gauge_psi:.2f} psi")
-    if channels_on:
-        found.append(f"channels {', '.join(map(str, sorted(channels_on)))} on")
-    return ", ".join(found)
-
-
-def _make_safe(
-    regulator: PressureRegulator, valves: ValveBank, config: RigConfig, scheduler: Scheduler, guard: Guard
-) -> None:
-    # From here the guard ends a program that has stopped as it would in any other step.
-    guard.energised()
-    report = make_safe(
-        regulator,
-        valves,
-        limits=config.limits,
-        dump_channel=config.valves.dump_channel,
-        clock=scheduler,
-        scheduler=scheduler,
-        tick=guard.beat,
-    )
-    if report.only_zero_is_off:
-        raise InstrumentError(f"{config.regulator.name}: {report.describe()}")
-    if not report.safe:
-        raise Unsafe(f"{config.name} was found energised: {report.describe()}")
-    guard.safe()
-
-
-def _look_at_zero(regulator: PressureRegulator, config: RigConfig, clock: Clock, stop: StopRequest) -> float:
-    """What the gauge reads with the way out open, in psi.
+def _read_zero(
+    gauge: PressureGauge, section: GaugeSection, config: RigConfig, clock: Clock, stop: StopRequest
+) -> float:
+    """What a gauge reads with the way out open and no gas coming in, in psi.
 
     Raises:
         InstrumentError: it is not 0, from either side; with the causes.
         Stopped: the operator requested a stop.
     """
-    stop.check()
-    with no_gas_in(regulator):
-        return _read_zero(regulator, "regulator", config, clock, stop)
-
-
-def _read_zero(
-    gauge: PressureGauge, section: GaugeSection, config: RigConfig, clock: Clock, stop: StopRequest
-) -> float:
-    """What a gauge of a vented rig reads, in psi; raises as `_look_at_zero`."""
 
     def read() -> PressureReading:
         stop.check()

@@ -127,4 +127,7 @@ class SecondGauge:
                     self._unjudged.append(_Seen((asked_s + self._clock.now_s()) / 2, reading.gauge_psi))
             except InstrumentError as error:
                 self._last_error = str(error)
+            # A defect must not end the witness without a word: what stands as the last error is what trips.
+            except Exception as error:
+                self._last_error = f"{type(error).__name__}: {error}"
             self._ending.wait(_PERIOD_S)

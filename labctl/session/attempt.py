@@ -81,8 +81,9 @@ def attempt(trial: Trial, number: int, context: RunContext) -> Attempt:
         result=result,
         safe=_safe(context.rig),
     )
-    _record_moved_zero(context, record)
     context.ledger.add_trial(record)
+    # After it: an event that cannot be written must not keep the trial out of the ledger.
+    _record_moved_zero(context, record)
     return Attempt(record, error)
 
 

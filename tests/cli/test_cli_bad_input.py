@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from importlib import resources
 
 import pytest
@@ -98,7 +99,7 @@ def test_rig_file_that_is_not_there(refused):
 def test_port_that_does_not_exist(refused, rig):
     message = refused("inflate", "--pattern", "sphere", "--rig", rig)
     assert "/dev/ttyNOSUCH0" in message
-    assert "Nothing was energised" in message
+    assert "labctl energised nothing: regulator A could not be read" in message
 
 
 def test_pattern_that_needs_more_valves_than_the_rig_has(refused, rig, design_file):
@@ -114,7 +115,7 @@ def test_instrument_that_answers_garbage_or_never(lab_with, instrument, fault):
     done = lab("inflate", "--pattern", "sphere", "--rig", lab.rig, "--json")
 
     assert done.code == 2, done.err
-    assert "Nothing was energised" in json.loads(done.out)["error"]
+    assert re.search("Nothing was energised|labctl energised nothing", json.loads(done.out)["error"])
     assert "Traceback" not in done.err
     assert lab.plant.highest_psi == 0
     assert not lab.last()["coils"]

@@ -1,9 +1,14 @@
 """`labctl tare`, and what the commands say of a gauge whose zero is off, on rigs in virtual time."""
 
 import json
+import signal
 
 import pytest
 
+from labctl.cli.output import ProgressLine
+from labctl.cli.rigs import chosen_rig
+from labctl.doubles.faults import parse_faults
+from labctl.drivers.alicat_ascii import AlicatAscii
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.writer import LedgerWriter
 
@@ -44,6 +49,78 @@ def test_the_list_of_runs_shows_a_tare(lab_with, tmp_path):
 
     assert "tared: simulated rig (SIMULATED), which read 0.20 psi at 0" in listed.out
     assert json.loads(lab("runs", "--ledger", tmp_path, "--json").out)["tared"][0]["rig"] == "simulated rig"
+
+
+@pytest.mark.parametrize("falls", ["silent", "garbage"])
+def test_a_tare_that_was_commanded_is_recorded_whatever_comes_after_it(
+    lab_with, tmp_path, monkeypatch, falls
+):
+    lab = lab_with("regulator=offset:0.2")
+    take = AlicatAscii.tare
+
+    def then_fall_silent(regulator, timeout_s=None):
+        reading = take(regulator, timeout_s)
+        lab.virtual.doubles.inject(parse_faults([f"regulator={falls}"]))
+        return reading
+
+    monkeypatch.setattr(AlicatAscii, "tare", then_fall_silent)
+
+    done = lab("tare", "--rig", lab.rig, "--ledger", tmp_path)
+
+    assert done.code == 1, done.err
+    assert "the tare was commanded: regulator A read 0.20 psi before it and was not read after it" in done.err
+    with Ledger.open(tmp_path, lambda _: None) as ledger:
+        (event,) = ledger.events(None)
+    assert event.kind == "tared"
+    assert event.detail["before_psi"] == pytest.approx(0.2, abs=0.02)
+    assert event.detail["after_psi"] is None
+    assert "regulator A" in event.detail["error"]
+    assert "which read 0.20 psi at 0 (after the command: regulator A" in lab("runs", "--ledger", tmp_path).out
+
+
+def test_a_tare_that_does_not_read_back_is_recorded(lab_with, tmp_path, monkeypatch):
+    lab = lab_with("regulator=offset:0.2")
+    monkeypatch.setattr(AlicatAscii, "tare", AlicatAscii.read)
+
+    done = lab("tare", "--rig", lab.rig, "--ledger", tmp_path)
+
+    assert done.code == 1
+    assert "reads 0.20 psi after it" in done.err
+    with Ledger.open(tmp_path, lambda _: None) as ledger:
+        (event,) = ledger.events(None)
+    assert event.detail["after_psi"] == pytest.approx(0.2, abs=0.02)
+
+
+def test_ctrl_c_after_the_command_leaves_a_record(lab_with, tmp_path, monkeypatch):
+    lab = lab_with("regulator=offset:0.2")
+    take = AlicatAscii.tare
+
+    def then_ctrl_c(regulator, timeout_s=None):
+        reading = take(regulator, timeout_s)
+        signal.raise_signal(signal.SIGINT)
+        return reading
+
+    monkeypatch.setattr(AlicatAscii, "tare", then_ctrl_c)
+
+    done = lab("tare", "--rig", lab.rig, "--ledger", tmp_path)
+
+    assert done.code == 130
+    assert "the tare was commanded" in done.err
+    with Ledger.open(tmp_path, lambda _: None) as ledger:
+        (event,) = ledger.events(None)
+    assert "Ctrl-C" in event.detail["error"]
+
+
+def test_who_asks_for_a_vent_is_not_answered_by_way_of_the_terminal(lab_with, tmp_path, monkeypatch):
+    lab = lab_with("regulator=offset:0.2")
+    given = []
+    monkeypatch.setattr(
+        "labctl.cli.tare.chosen_rig", lambda *arguments: given.append(arguments[3]) or chosen_rig(*arguments)
+    )
+
+    assert lab("tare", "--rig", lab.rig, "--ledger", tmp_path).code == 0
+
+    assert isinstance(given[0].__self__, ProgressLine)
 
 
 @pytest.mark.parametrize("offset_psi", [0.7, -0.7])

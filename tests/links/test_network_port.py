@@ -193,3 +193,18 @@ def test_a_box_that_speaks_no_rfc_2217_is_refused_in_time():
         with pytest.raises(LinkDown, match="check the box's address, that it speaks RFC 2217 there"):
             Rfc2217Port(name, baudrate=9600, clock=WallClock(), name="valve bank")
         assert time.monotonic() - begin < 10
+
+
+def test_a_port_that_is_closed_by_another_thread_right_before_a_write_is_a_link_that_is_down(
+    doubles, box, monkeypatch
+):
+    port = Rfc2217Port(
+        box(address(doubles("pty"), "regulator")).address,
+        baudrate=9600,
+        clock=WallClock(),
+        name="regulator A",
+    )
+    monkeypatch.setattr(port, "_require_open", port.close)
+
+    with pytest.raises(LinkDown, match="the port is closed; open the rig again"):
+        port.write(b"A\r", Deadline(WallClock(), 1.0))

@@ -175,7 +175,7 @@ def test_a_rig_in_use_is_refused_and_left_alone(rig_with):
     virtual = rig_with()
     with open_rig(virtual) as rig:
         pressurise(rig)
-        with pytest.raises(RigUnavailable, match="Nothing was energised"):
+        with pytest.raises(RigUnavailable, match="labctl energised nothing"):
             open_rig(virtual)
         rig.wait(1.0)
         assert virtual.plant.state().coils == {4}

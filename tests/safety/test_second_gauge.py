@@ -119,3 +119,23 @@ def test_a_vented_sheet_may_do_without_it(watch):
     gauge.silent = True
 
     assert watch(gauge, lambda: 0.0, expected=Expected(mode="vented")) is None
+
+
+def test_a_defect_in_reading_it_is_told_as_the_last_error_and_ends_no_thread(watch):
+    failing = [True] * 3
+
+    def reads():
+        if failing:
+            failing.pop()
+            raise RuntimeError("cannot schedule new futures after shutdown")
+        return 3.9
+
+    assert watch(Gauge(reads), lambda: 3.9) is None
+
+    def broken():
+        raise RuntimeError("cannot schedule new futures after shutdown")
+
+    reason = watch(Gauge(broken), lambda: 3.9)
+
+    assert "gauge B has not been read for 0.5" in reason
+    assert "RuntimeError: cannot schedule new futures after shutdown" in reason

@@ -3,7 +3,7 @@
 import pytest
 
 from labctl.config.rig import Limits
-from labctl.errors import InstrumentError, ReadBackMismatch
+from labctl.errors import InstrumentError, NoAnswer, ReadBackMismatch, Stopped
 from labctl.instruments.readings import PressureReading
 from labctl.safety.tare import tare_at_rest
 
@@ -19,9 +19,15 @@ def at_rest(regulator, valves):
     return regulator
 
 
-def tare(regulator, valves, clock, **more):
+def tare(regulator, valves, clock, *, dump_channel=None, check=lambda: None, second=None):
     return tare_at_rest(
-        regulator, valves, limits=LIMITS, dump_channel=None, clock=clock, check=lambda: None, **more
+        regulator,
+        valves,
+        limits=LIMITS,
+        dump_channel=dump_channel,
+        clock=clock,
+        check=check,
+        second=second,
     )
 
 
@@ -79,8 +85,74 @@ def test_a_sheet_that_is_still_emptying_is_waited_for_and_then_refused(at_rest, 
 def test_a_tare_that_does_not_take_is_an_error(at_rest, valves, clock):
     at_rest.tare = lambda timeout_s=None: at_rest.read()
 
-    with pytest.raises(ReadBackMismatch, match=r"reads 0\.40 psi after it"):
-        tare(at_rest, valves, clock)
+    tared = tare(at_rest, valves, clock)
+
+    assert isinstance(tared.error, ReadBackMismatch)
+    assert "reads 0.40 psi after it" in str(tared.error)
+    assert (tared.before_psi, tared.after_psi) == (pytest.approx(0.4), pytest.approx(0.4))
+
+
+def test_a_tare_whose_answer_is_lost_was_commanded_and_what_it_did_is_read(at_rest, valves, clock):
+    take = at_rest.tare
+
+    def lost(timeout_s=None):
+        take()
+        raise NoAnswer("regulator A: no answer")
+
+    at_rest.tare = lost
+
+    tared = tare(at_rest, valves, clock)
+
+    assert (tared.before_psi, tared.after_psi) == (pytest.approx(0.4), pytest.approx(0.0))
+    assert isinstance(tared.error, NoAnswer)
+
+
+def test_a_gauge_that_falls_silent_after_the_command_has_no_reading_after_it(at_rest, valves, clock):
+    take = at_rest.tare
+
+    def die(timeout_s=None):
+        take()
+        at_rest.dead = True
+
+    at_rest.tare = die
+
+    tared = tare(at_rest, valves, clock)
+
+    assert tared.before_psi == pytest.approx(0.4)
+    assert tared.after_psi is None
+    assert isinstance(tared.error, NoAnswer)
+
+
+def test_a_regulator_that_does_not_control_again_after_a_tare_was_tared(at_rest, valves, clock):
+    at_rest.can_exhaust = False
+    at_rest.hold_closed = lambda timeout_s=None: at_rest.read()
+
+    def stuck(timeout_s=None):
+        raise NoAnswer("regulator A: no answer to C")
+
+    at_rest.cancel_hold = stuck
+
+    tared = tare(at_rest, valves, clock, dump_channel=32)
+
+    assert tared.after_psi == pytest.approx(0.0)
+    assert "no answer to C" in str(tared.error)
+
+
+def test_a_stop_after_the_command_is_no_tare_that_was_not_done(at_rest, valves, clock, calls):
+    def check():
+        if "tare" in calls:
+            raise Stopped("Ctrl-C")
+
+    tared = tare(at_rest, valves, clock, check=check)
+
+    assert tared.after_psi is None
+    assert isinstance(tared.error, Stopped)
+
+
+def test_a_setpoint_that_safe_calls_0_may_be_tared(at_rest, valves, clock):
+    at_rest.setpoint_psi = 0.01
+
+    assert tare(at_rest, valves, clock).error is None
 
 
 def test_a_second_gauge_that_reads_pressure_too_forbids_it(at_rest, valves, clock, calls):

@@ -114,3 +114,23 @@ def test_a_defect_in_what_writes_the_files_loses_no_outcome(laboratory, monkeypa
     with Ledger.open(lab.folder, lambda _: None) as ledger:
         (trial,) = ledger.trials(1)
     assert (trial.outcome, trial.reason) == ("failed", "TypeError('a defect')")
+
+
+def test_an_event_that_cannot_be_written_loses_no_trial(laboratory, monkeypatch):
+    lab = laboratory("regulator=offset:0.3@1psi")
+    write_event = attempts.write_event
+
+    def on_a_full_disk(ledger, run, kind, detail):
+        if kind == "zero-moved":
+            raise LabError("no space left on the disk")
+        write_event(ledger, run, kind, detail)
+
+    monkeypatch.setattr(attempts, "write_event", on_a_full_disk)
+    with pytest.raises(LabError):
+        lab.run(lab.prepared(trials=1))
+
+    with Ledger.open(lab.folder, lambda _: None) as ledger:
+        (trial,) = ledger.trials(1)
+    assert trial.outcome == "failed"
+    assert "zero is off" in trial.reason
+    assert set(trial.raw) == {"frames", "pressures"}
