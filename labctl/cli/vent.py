@@ -89,6 +89,7 @@ def _vent(config: "RigConfig", stop: "StopRequest", line: ProgressLine) -> "Free
         presence = None
         try:
             presence = opened.enter_context(held_rig(config, stop, line.notify))
+            opened.enter_context(presence.venting())
         except RigHeld:
             raise
         except BadInput as error:
