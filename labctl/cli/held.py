@@ -1,34 +1,21 @@
 """Rigs that commands in other terminals hold: which are meant, how they are vented, how they are shown."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
-
-import click
+from typing import TYPE_CHECKING, Literal
 
 from labctl.cli.outcome import Outcome
-from labctl.cli.output import SIMULATED, banner, emit_json
+from labctl.cli.vented import VentedRig
 from labctl.errors import BadInput, LabError, NoAnswer
 
 if TYPE_CHECKING:
     from labctl.holder.interfaces import Conversation, Held
     from labctl.holder.records import RigState
-    from labctl.safety.safe_state import SafeReport
     from labctl.safety.vent_held import From, Vented
 
 _ANSWER_S = 1.0
 # A command that only looks, or opens the rig, has read it or let go of it by then.
 _READING_S = 3.0
-
-
-@dataclass(frozen=True)
-class VentedRig:
-    """What became of one held rig; `by_holder` where its own process read it back."""
-
-    held: "Held"
-    report: "SafeReport"
-    by_holder: bool
 
 
 def held_rigs(rig_path: Path | None) -> tuple["Held", ...]:
@@ -143,46 +130,6 @@ def _vent_one(held: "Held", asked: "Conversation | NoAnswer", here: "From") -> V
         problem = str(error) if isinstance(error, LabError) else repr(error)
         return VentedRig(held, SafeReport(None, None, None, None, (problem,)), by_holder=False)
     return VentedRig(held, vented.report, vented.by == "holder")
-
-
-def print_vented(vented: Sequence[VentedRig], as_json: bool) -> int:
-    """Print what was read back of each; returns the exit code: 0 where all are SAFE."""
-    safe = all(rig.report.safe for rig in vented)
-    if as_json:
-        rigs = [_vented_for_machines(rig) for rig in vented]
-        emit_json(rigs[0] if len(rigs) == 1 else {"safe": safe, "rigs": rigs})
-        return 0 if safe else 1
-    banner(all(rig.held.entry.holder.simulated for rig in vented))
-    for rig in vented:
-        holder = rig.held.entry.holder
-        simulated = f" ({SIMULATED})" if holder.simulated and len(vented) > 1 else ""
-        click.echo(f"{holder.rig_name}{simulated}: {rig.report.describe()}")
-        by = "that process" if rig.by_holder else "this one, in its place"
-        click.echo(f"held by {holder.describe()}; vented and read back by {by}")
-    return 0 if safe else 1
-
-
-def report_for_machines(report: "SafeReport") -> dict[str, Any]:
-    """What was read back on the way to SAFE, as the JSON of `labctl vent` has it."""
-    return {
-        "safe": report.safe,
-        "pressure_psi": report.pressure_psi,
-        "setpoint_psi": report.setpoint_psi,
-        "vented_by": report.vented_by,
-        "channels_on": None if report.channels_on is None else sorted(report.channels_on),
-        "problems": report.problems,
-    }
-
-
-def _vented_for_machines(rig: VentedRig) -> dict[str, Any]:
-    holder = rig.held.entry.holder
-    return {
-        "simulated": holder.simulated,
-        **report_for_machines(rig.report),
-        "rig": holder.rig_name,
-        "held_by": {"pid": holder.pid, "command": holder.command, "since": holder.since},
-        "read_back_by_holder": rig.by_holder,
-    }
 
 
 def state_of(held: "Held") -> "RigState":

@@ -68,7 +68,8 @@ class SafeReading:
 class RigState:
     """The latest of everything that is known of a held rig; None is what is not known.
 
-    `phase` "closed": the holder has no port open; "opening": it may have some; "open": an open rig. `reading_age_s`
+    `phase` "closed": the holder has no port open; "opening": it may have some; "open": an open rig. `venting` while
+    the holder takes the rig to SAFE of its own accord, which may take longer than an opening does. `reading_age_s`
     is the age of pressure, setpoint and flags, by the wall's clock. `safe` is what was last read back on the way to
     SAFE, None from when anything is energised. `asked_by` is whose request to vent or abort is being done, and
     `read_back` what it read. `ended` is true in the last state that a holder sends.
@@ -96,6 +97,7 @@ class RigState:
     asked_by: str | None = None
     read_back: SafeReading | None = None
     ended: bool = False
+    venting: bool = False
 
 
 @dataclass(frozen=True)

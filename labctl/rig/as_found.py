@@ -4,7 +4,7 @@ An instrument that is absent or silent keeps nobody from the other one: what ans
 """
 
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from functools import partial
 from typing import Generic, TypeVar
@@ -48,10 +48,12 @@ def open_as_found(
     opened: ExitStack,
     notify: Callable[[str], None],
     guard: Guard,
+    venting: Callable[[], AbstractContextManager[None]],
 ) -> FoundRig:
     """Open and read both instruments; a rig that is found energised is SAFE when this returns.
 
-    Each is closed by `opened`. A regulator that another program has is left to it, and the valves with it.
+    `venting` is entered while it is taken there. Each is closed by `opened`. A regulator that another
+    program has is left to it, and the valves with it.
 
     Raises:
         RigUnavailable: one is absent or silent, or the gauge of a rig that was vented does not read 0; what was not
@@ -72,7 +74,10 @@ def open_as_found(
     found = _energised(regulator.reading, valves.reading, config)
     words = "Nothing was energised"
     if found:
-        words = _take_to_safe(regulator.part, valves.part, config, scheduler, notify, guard, found, missing)
+        with venting():
+            words = _take_to_safe(
+                regulator.part, valves.part, config, scheduler, notify, guard, found, missing
+            )
     elif missing:
         left = _reads(
             config,

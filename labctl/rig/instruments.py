@@ -5,7 +5,7 @@ reading to 0, true or not; so the exhaust is opened for it or, where there is no
 """
 
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 
 from labctl.clock import Clock, Scheduler
@@ -43,7 +43,8 @@ class RigInstruments:
 
     A rig that is found with pressure, a setpoint or valves on was left so by something else: it is taken to
     SAFE before anything else is done. Frames are stamped by `clock`, the rig's; all else is timed by the wall's.
-    `zero_psi` is what the gauge read with the way out open, the mean of half a second.
+    `venting` is entered meanwhile. `zero_psi` is what the gauge read with the way out open, the
+    mean of half a second.
 
     Raises:
         Unsafe: it was found energised and SAFE could not be read back.
@@ -61,9 +62,10 @@ class RigInstruments:
         stop: StopRequest,
         notify: Callable[[str], None],
         guard: Guard,
+        venting: Callable[[], AbstractContextManager[None]],
     ) -> None:
         with ExitStack() as opened:
-            found = open_as_found(config, scheduler, wires, opened, notify, guard)
+            found = open_as_found(config, scheduler, wires, opened, notify, guard, venting)
             self.regulator, self.valves = found.regulator, found.valves
             try:
                 stop.check()

@@ -4,8 +4,8 @@ The state is put together when somebody asks for it, on the thread that answers:
 assignment, and waits for nobody.
 """
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Literal
 
 from labctl.config.rig import RigConfig
@@ -63,6 +63,7 @@ class Presence:
         self._read_back: SafeReport | None = None
         self._vent_ended = platform.scheduler.event()
         self._venting = False
+        self._on_the_way = False
 
     def show(self, step: str, detail: str = "") -> None:
         """What the command does now."""
@@ -79,6 +80,15 @@ class Presence:
     def show_read_back(self, report: SafeReport) -> None:
         """What the command itself has read on the way to SAFE: the answer to whoever asked meanwhile."""
         self._read_back = report
+
+    @contextmanager
+    def venting(self) -> Iterator[None]:
+        """While inside, the command takes the rig to SAFE of its own accord, and has the time that this takes."""
+        self._on_the_way = True
+        try:
+            yield
+        finally:
+            self._on_the_way = False
 
     def closed(self) -> None:
         """From now on the command has no port open."""
@@ -119,7 +129,8 @@ class Presence:
         if self._venting:
             self._vent_ended.wait(_FINISH_S)
         if self._asked_by is not None and self._read_back is None:
-            self._read_back = self._vent_by_ports()
+            with self.venting():
+                self._read_back = self._vent_by_ports()
         self.closed()
 
     def state(self) -> RigState:
@@ -157,6 +168,7 @@ class Presence:
             safe=_as_reading(rig.safe_report if rig else None),
             asked_by=self._asked_by,
             read_back=_as_reading(self._read_back),
+            venting=self._on_the_way,
         )
 
     def _vent_aside(self, cause: str) -> None:

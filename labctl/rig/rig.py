@@ -6,7 +6,7 @@ that back, whatever happened inside.
 """
 
 from collections.abc import Callable, Collection, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from types import TracebackType
 
 from labctl.clock import Clock, rig_clock
@@ -45,6 +45,7 @@ class Rig:
         stop: the operator's request to stop.
         notify: receives one line of text for each event worth a person's attention.
         platform: time, wires and guard; this machine's where none is given.
+        venting: entered while a rig that was found energised is taken to SAFE.
 
     Raises:
         RigUnavailable: an instrument is absent, silent or not what it should be; nothing was energised.
@@ -58,6 +59,7 @@ class Rig:
         stop: StopRequest,
         notify: Callable[[str], None],
         platform: Platform = SYSTEM,
+        venting: Callable[[], AbstractContextManager[None]] = nullcontext,
     ) -> None:
         self.config = config
         self.clock: Clock = rig_clock(config.speed, platform.scheduler)
@@ -71,7 +73,7 @@ class Rig:
         self._guard = platform.start_guard(config)
         try:
             self._instruments = RigInstruments(
-                config, platform.scheduler, platform.wires, self.clock, stop, notify, self._guard
+                config, platform.scheduler, platform.wires, self.clock, stop, notify, self._guard, venting
             )
             try:
                 self._guard.wait_armed()

@@ -87,7 +87,7 @@ def _until_read_back(conversation: Conversation, held: Held, reach: Reach, here:
     start_s = here.scheduler.now_s()
     end_s = start_s + reach.limits.vent_timeout_s / reach.speed + _MARGIN_S
     pid = held.entry.holder.pid
-    state = None
+    state, opening_s = None, start_s
     while (latest := conversation.next_state(ANSWER_S)) is not None:
         if state is None:
             here.notify(f"process {pid} answers: venting{_described(latest)}")
@@ -95,9 +95,12 @@ def _until_read_back(conversation: Conversation, held: Held, reach: Reach, here:
         if state.read_back is not None:
             return _as_report(state.read_back)
         now_s = here.scheduler.now_s()
-        if state.phase == "opening" and now_s - start_s > _OPENING_S:
+        if state.venting:
+            opening_s = now_s
+        elif state.phase == "opening" and now_s - opening_s > _OPENING_S:
             raise NoAnswer(f"process {pid} answers, and has neither opened the rig nor let go of it")
-        if now_s > end_s:
+        # One that opens the ports for it has the patience with them that this process would have.
+        if now_s > end_s + (_BUSY_S if state.venting else 0.0):
             raise NoAnswer(f"process {pid} answers, and has read nothing back for {now_s - start_s:.0f} s")
     return None
 

@@ -45,7 +45,8 @@ def abort(ctx: click.Context, rig_path: Path | None, ledger_folder: Path, as_jso
     that writes to the ledger; else the only command of yours that holds a rig. One that does not answer within a
     second is ended, and the rig is vented from here. Exit code 0: SAFE was read back.
     """
-    from labctl.cli.held import held_by_file, held_rigs, one_held_rig, print_vented, vent_rigs
+    from labctl.cli.held import held_by_file, held_rigs, one_held_rig, vent_rigs
+    from labctl.cli.vented import print_vented
     from labctl.ledger.lock import holder_of
 
     given = ctx.get_parameter_source("ledger_folder") is not ParameterSource.DEFAULT
@@ -65,7 +66,7 @@ def abort(ctx: click.Context, rig_path: Path | None, ledger_folder: Path, as_jso
     held = one_held_rig(found, rig_path, "name one with --rig; labctl vent vents them all")
     with ProgressLine(quiet=True) as line:
         vented = vent_rigs([held], "abort", line.notify)
-    return print_vented(vented, as_json)
+    return print_vented(vented, as_json=as_json)
 
 
 def _request(folder: Path, request: "ControlRequest", as_json: bool, reply: str) -> None:

@@ -95,12 +95,18 @@ def measure(
 
         _show(session, presence, "opening the rig")
         presence.opening()
-        opened = reporting(Rig(config, stop=session.stop, notify=line.notify, platform=outcome.platform))
+        rig = Rig(
+            config,
+            stop=session.stop,
+            notify=line.notify,
+            platform=outcome.platform,
+            venting=presence.venting,
+        )
         attempts = prepared.request.attempts
         observer = _published(reporter.observer(), presence, len(planned))
         try:
             run, summary = conduct(
-                opened, register, planned, attempts, session.writer, session.stop, observer
+                reporting(rig), register, planned, attempts, session.writer, session.stop, observer
             )
         finally:
             reporter.finish()
