@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 _ANSWER_S = 1.0
 # A command that only looks, or opens the rig, has read it or let go of it by then.
 _READING_S = 3.0
+# As limits.stale_after has it where nobody says otherwise: what is older is no present reading.
+OLD_S = 1.0
 
 
 def held_rigs(rig_path: Path | None) -> tuple["Held", ...]:
@@ -136,8 +138,10 @@ def state_of(held: "Held") -> "RigState":
     """What the holder says now; of one that is just opening the rig, once it has read it.
 
     Raises:
-        LabError: it does not answer.
+        LabError: it does not answer, or is a guard, which answers nobody.
     """
+    if held.entry.holder.kind == "guard":
+        raise LabError(silent(held))
     clock = Outcome.current().platform.scheduler
     try:
         conversation = held.ask("watch", _ANSWER_S)
@@ -158,11 +162,24 @@ def state_of(held: "Held") -> "RigState":
 
 
 def silent(held: "Held") -> str:
-    """What to do about a holder that does not answer."""
+    """What there is to say of a holder that does not answer, and what to do."""
+    holder = held.entry.holder
+    if holder.kind == "guard":
+        return (
+            f"{holder.rig_name} is being taken to SAFE by {holder.describe()}; it reports there and in the system "
+            "log. Wait for it, or type labctl vent, which waits and then looks"
+        )
     return (
-        f"{held.entry.holder.rig_name} is held by {held.entry.holder.describe()}, which has stopped or hangs: "
+        f"{holder.rig_name} is held by {holder.describe()}, which does not answer: it is busy, stopped or hangs. "
         "labctl vent ends it and takes the rig to SAFE"
     )
+
+
+def format_age(age_s: float | None, who: str) -> str:
+    """How old a reading is, as text behind it; "" for one that is as new as those that come all the time."""
+    if age_s is None or age_s < OLD_S:
+        return ""
+    return f", read {age_s:.0f} s ago: {who} not answer"
 
 
 def state_lines(state: "RigState") -> list[str]:
@@ -179,12 +196,14 @@ def state_lines(state: "RigState") -> list[str]:
             "pressure  not read: " + ("its port is not open" if state.phase == "closed" else "opening")
         )
     else:
-        lines.append(f"pressure  {state.pressure_psi:.2f} psi, setpoint {state.setpoint_psi:.2f} psi")
+        age = format_age(state.reading_age_s, "the regulator does")
+        lines.append(f"pressure  {state.pressure_psi:.2f} psi, setpoint {state.setpoint_psi:.2f} psi{age}")
         lines.append(f"flags     {' '.join(state.flags) or 'none'}")
     if state.channels_on is not None:
         lines.append(f"valves    {', '.join(map(str, state.channels_on)) or 'none'} on")
     if state.markers is not None:
-        lines.append(f"markers   {state.markers_seen} of {state.markers} seen")
+        age = format_age(state.marker_age_s, "the markers' source does")
+        lines.append(f"markers   {state.markers_seen} of {state.markers} seen{age}")
     if state.asked_by is not None:
         lines.append(f"stopping  {state.asked_by}")
     return lines

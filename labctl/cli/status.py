@@ -10,6 +10,7 @@ import click
 from labctl.cli.options import held_rig_option, json_option
 from labctl.cli.output import ProgressLine, banner, emit_json, unit_json, unit_line
 from labctl.cli.rigs import chosen_rig
+from labctl.errors import LabError
 
 if TYPE_CHECKING:
     from labctl.config.rig import RigConfig
@@ -99,16 +100,24 @@ def _show(
 def _show_held(found: Sequence["Held"], as_json: bool) -> None:
     from labctl.cli.held import condition, state_lines, state_of
 
-    states = [state_of(held) for held in found]
-    if as_json:
+    states, silences = [], []
+    for held in found:
+        try:
+            states.append(state_of(held))
+        # One that does not answer hides no other.
+        except LabError as error:
+            silences.append(str(error))
+    if as_json and states:
         rigs = [_for_machines(state) for state in states]
-        emit_json(rigs[0] if len(rigs) == 1 else {"rigs": rigs})
-        return
-    for state in states:
-        banner(state.holder.simulated)
-        click.echo(f"{state.holder.rig_name}: {condition(state)}")
-        for line in state_lines(state):
-            click.echo(line)
+        emit_json(rigs[0] if len(rigs) == 1 and not silences else {"rigs": rigs, "silent": silences})
+    elif not as_json:
+        for state in states:
+            banner(state.holder.simulated)
+            click.echo(f"{state.holder.rig_name}: {condition(state)}")
+            for line in state_lines(state):
+                click.echo(line)
+    if silences:
+        raise LabError("; ".join(silences))
 
 
 def _for_machines(state: "RigState") -> dict[str, Any]:

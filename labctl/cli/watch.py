@@ -119,6 +119,12 @@ class _Lines:
         from labctl.cli.held import condition
 
         if self._last is None:
+            holder = self._held.entry.holder
+            self._new_line()
+            click.echo(
+                f"labctl: process {holder.pid} let go of the rig and had told nothing: see labctl status",
+                err=True,
+            )
             return 1
         safe = self._last.read_back or self._last.safe
         if not self._as_json:
@@ -135,15 +141,19 @@ class _Lines:
 
 
 def _in_one_line(state: "RigState") -> str:
+    from labctl.cli.held import format_age
+
     trial = f"trial {state.trial} of {state.trials}, " if state.trial is not None else ""
     step = state.step.removeprefix(f"trial {state.trial}: ")
     parts = [f"{state.elapsed_s:5.0f} s  {trial}{step or state.holder.command}"]
     if state.pressure_psi is not None:
-        parts.append(f"{state.pressure_psi:.2f} psi (setpoint {state.setpoint_psi:.2f})")
+        age = format_age(state.reading_age_s, "the regulator does")
+        parts.append(f"{state.pressure_psi:.2f} psi (setpoint {state.setpoint_psi:.2f}){age}")
     if state.channels_on is not None:
         parts.append(f"{len(state.channels_on)} valves on")
     if state.markers is not None:
-        parts.append(f"{state.markers_seen} of {state.markers} markers")
+        age = format_age(state.marker_age_s, "their source does")
+        parts.append(f"{state.markers_seen} of {state.markers} markers{age}")
     if state.asked_by is not None:
         parts.append(state.asked_by)
     return "  ".join(parts)

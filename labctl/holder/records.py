@@ -57,6 +57,7 @@ class SafeReading:
     vented_by: str | None
     channels_on: tuple[int, ...] | None
     problems: tuple[str, ...]
+    only_zero_is_off: bool = False
 
     @property
     def safe(self) -> bool:

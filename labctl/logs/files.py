@@ -56,19 +56,28 @@ class LogChoice:
 class QueuedWriter(logging.Handler):
     """Hands records to a thread that writes them out; `emit` never waits, and a failed write costs its record only.
 
+    What finds the queue full is left out, and stands as a line in its place with how many records it were.
+
     Args:
         write: takes a line, on the writer's thread.
         on_failure: gets the first failure of `write`, once.
+        finish: called on the writer's thread when it ends.
         queued: how many records may wait.
     """
 
     def __init__(
-        self, write: Callable[[str], None], on_failure: Callable[[Exception], None], queued: int = _QUEUED
+        self,
+        write: Callable[[str], None],
+        on_failure: Callable[[Exception], None],
+        finish: Callable[[], None] = lambda: None,
+        queued: int = _QUEUED,
     ) -> None:
         super().__init__()
         self._write = write
         self._on_failure = on_failure
-        self._queue: queue.Queue[logging.LogRecord | None] = queue.Queue(queued)
+        self._finish = finish
+        # A number is a gap: so many records were left out there. None ends the thread.
+        self._queue: queue.Queue[logging.LogRecord | int | None] = queue.Queue(queued)
         self._left_out = 0
         self._counting = threading.Lock()
         self._failed = False
@@ -77,31 +86,43 @@ class QueuedWriter(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Queue a record, or count it where the queue is full."""
-        try:
-            self._queue.put_nowait(record)
-        except queue.Full:
-            with self._counting:
+        with self._counting:
+            try:
+                if self._left_out:
+                    self._queue.put_nowait(self._left_out)
+                    self._left_out = 0
+                self._queue.put_nowait(record)
+            except queue.Full:
                 self._left_out += 1
 
     def close(self) -> None:
-        """Write what is queued, for two seconds at most; may be called twice."""
+        """Write what is queued, for two seconds at most; may be called twice. What is left then is told."""
+        with self._counting:
+            left_out, self._left_out = self._left_out, 0
         with suppress(queue.Full):
+            if left_out:
+                self._queue.put(left_out, timeout=_FINISH_S)
             self._queue.put(None, timeout=_FINISH_S)
         self._thread.join(_FINISH_S)
+        if self._thread.is_alive() and not self._failed:
+            self._failed = True
+            waiting = f"{self._queue.qsize()} records or more were not written within {_FINISH_S:g} s"
+            with suppress(Exception):
+                self._on_failure(TimeoutError(waiting))
         super().close()
 
     def _run(self) -> None:
         while (record := self._queue.get()) is not None:
-            with self._counting:
-                left_out, self._left_out = self._left_out, 0
-            if left_out:
-                self._try(
-                    f"... {left_out} records were left out here: they came faster than they could be written"
-                )
-            self._try(self.format(record))
+            self._try(record)
+        with suppress(Exception):
+            self._finish()
 
-    def _try(self, line: str) -> None:
+    def _try(self, record: logging.LogRecord | int) -> None:
         try:
+            if isinstance(record, int):
+                line = f"... {record} records were left out here: they came faster than they could be written"
+            else:
+                line = self.format(record)
             self._write(line)
         # Whatever a disk or a terminal does, the next line may fare better.
         except Exception as error:
@@ -127,6 +148,18 @@ def logged_to_file(choice: LogChoice, notify: Callable[[str], None]) -> Iterator
     Raises:
         BadInput: the file cannot be opened.
     """
+    try:
+        os.close(_opened(choice.path))
+    except OSError as error:
+        raise BadInput(
+            f"--log {choice.path}: cannot be written: {error.strerror or error}; name another file"
+        ) from error
+    with _logged(choice, notify):
+        yield
+
+
+@contextmanager
+def _logged(choice: LogChoice, notify: Callable[[str], None]) -> Iterator[None]:
     with _handled(WIRE if choice.kind == "wire" else _ALL, _file_handler(choice.path, notify)):
         yield
 
@@ -142,12 +175,12 @@ def logged_to_terminal() -> Iterator[None]:
 
 @contextmanager
 def logged_as_environment_says(notify: Callable[[str], None]) -> Iterator[None]:
-    """While inside, log as LABCTL_LOG asks for; for a program that has no options."""
+    """While inside, log as LABCTL_LOG asks for; for a program that has no options, and waits for no disk."""
     text = os.environ.get(ENVIRONMENT, "")
     with ExitStack() as logged:
         try:
             if text:
-                logged.enter_context(logged_to_file(LogChoice.parse(text), notify))
+                logged.enter_context(_logged(LogChoice.parse(text), notify))
         except BadInput as error:
             notify(str(error))
         yield
@@ -167,28 +200,32 @@ def _handled(logger: logging.Logger, handler: logging.Handler) -> Iterator[None]
         handler.close()
 
 
+def _opened(path: Path) -> int:
+    return os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644)
+
+
 def _file_handler(path: Path, notify: Callable[[str], None]) -> logging.Handler:
-    try:
-        descriptor = os.open(
-            path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o644
-        )
-    except OSError as error:
-        raise BadInput(
-            f"--log {path}: cannot be written: {error.strerror or error}; name another file"
-        ) from error
+    descriptors: list[int] = []
 
     def write(line: str) -> None:
+        # On the writer's thread: a disk that hangs must not keep a guard from venting.
+        if not descriptors:
+            descriptors.append(_opened(path))
         # In one piece, so that the lines of two processes do not mix.
         data = f"{line}\n".encode(errors="backslashreplace")
-        if os.write(descriptor, data) < len(data):
+        if os.write(descriptors[0], data) < len(data):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def finish() -> None:
+        for descriptor in descriptors:
+            os.close(descriptor)
 
     def on_failure(error: Exception) -> None:
         notify(
             f"the log {path} could not be written ({error}); the rig is not affected, what follows may be missing"
         )
 
-    return QueuedWriter(write, on_failure)
+    return QueuedWriter(write, on_failure, finish)
 
 
 def _write_terminal(line: str) -> None:

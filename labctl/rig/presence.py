@@ -205,5 +205,10 @@ def _as_reading(report: SafeReport | None) -> SafeReading | None:
         return None
     channels_on = None if report.channels_on is None else tuple(sorted(report.channels_on))
     return SafeReading(
-        report.pressure_psi, report.setpoint_psi, report.vented_by, channels_on, report.problems
+        report.pressure_psi,
+        report.setpoint_psi,
+        report.vented_by,
+        channels_on,
+        report.problems,
+        report.only_zero_is_off,
     )

@@ -32,6 +32,8 @@ from labctl.safety.safe_state import SafeReport
 TRY_AGAIN_S = 600.0
 
 _FIRST_PATIENCE_S = 5.0
+# A program that has just died lets go of its lock a moment after its pipe; one that lives on is not waited for.
+_HOLD_PATIENCE_S = 0.1
 # A regulator that was unplugged is vented, and free again, soon after it came back.
 _PAUSE_S = 0.5
 _COMMAND = "the guard of a program that is gone"
@@ -48,10 +50,11 @@ def take_to_safe(
 ) -> SafeReport:
     """Take the rig to SAFE; a real one that does not read back is tried again, with the terminal let go.
 
-    It is held meanwhile, so that whoever vents it at the same time comes before or after, and not between.
+    It is held meanwhile, where nobody else holds it, so that whoever vents it at the same time comes before or
+    after, and not between.
     """
     end_s = scheduler.now_s() + TRY_AGAIN_S
-    with _held(reach, holders, _FIRST_PATIENCE_S):
+    with _held(reach, holders):
         report = open_and_make_safe(reach, scheduler, wires, patience_s=_FIRST_PATIENCE_S, notify=notify)
     notify(report.describe())
     if report.safe or reach.simulated:
@@ -60,7 +63,7 @@ def take_to_safe(
     release_terminal()
     while not report.safe and scheduler.now_s() < end_s:
         scheduler.sleep(_PAUSE_S)
-        with _held(reach, holders, 0.0):
+        with _held(reach, holders):
             report = open_and_make_safe(reach, scheduler, wires, patience_s=0.0, notify=lambda _: None)
         if report.safe:
             notify(report.describe())
@@ -68,13 +71,13 @@ def take_to_safe(
 
 
 @contextmanager
-def _held(reach: Reach, holders: Holders, patience_s: float) -> Iterator[None]:
+def _held(reach: Reach, holders: Holders) -> Iterator[None]:
     """While inside the rig is held, where that can be: no folder and no lock may keep a guard from venting."""
     holding = None
     with suppress(Exception):
         addresses = addresses_of(reach.regulator, reach.valves)
         guard = this_holder("guard", reach.rig_name, "", simulated=reach.simulated, command=_COMMAND)
-        holding = holders.hold(guard, addresses, reach.to_plain(), None, patience_s)
+        holding = holders.hold(guard, addresses, reach.to_plain(), None, _HOLD_PATIENCE_S)
     try:
         yield
     finally:

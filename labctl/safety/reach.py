@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from typing import Any, TypeVar
 
 from labctl.clock import Clock, Scheduler, rig_clock
 from labctl.config.rig import Limits, RegulatorConfig, RigConfig, ValvesConfig
 from labctl.drivers.opening import open_regulator, open_valves
+from labctl.errors import LabError
 from labctl.instruments.interfaces import PressureRegulator, ValveBank
 from labctl.links.wires import SYSTEM_WIRES, Wires
 from labctl.safety.safe_state import SafeReport, reach_and_make_safe
@@ -19,6 +20,7 @@ _REOPEN_PAUSE_S = 0.02
 _SILENT_S = 1.0
 
 T = TypeVar("T", PressureRegulator, ValveBank)
+C = TypeVar("C", RegulatorConfig, ValvesConfig, Limits)
 
 
 @dataclass(frozen=True)
@@ -45,15 +47,30 @@ class Reach:
 
     @classmethod
     def from_plain(cls, data: Mapping[str, Any]) -> "Reach":
-        """The inverse of `to_plain`."""
-        return cls(
-            rig_name=data["rig_name"],
-            speed=data["speed"],
-            simulated=data["simulated"],
-            regulator=RegulatorConfig(**data["regulator"]),
-            valves=ValvesConfig(**data["valves"]),
-            limits=Limits(**data["limits"]),
-        )
+        """The inverse of `to_plain`, also of a later labctl's: what it has besides is left out.
+
+        Raises:
+            LabError: something that is needed is not there.
+        """
+        try:
+            return cls(
+                rig_name=data["rig_name"],
+                speed=data["speed"],
+                simulated=data["simulated"],
+                regulator=_known(RegulatorConfig, data["regulator"]),
+                valves=_known(ValvesConfig, data["valves"]),
+                limits=_known(Limits, data["limits"]),
+            )
+        except (KeyError, TypeError) as error:
+            raise LabError(
+                f"how to take the rig to SAFE was written by another labctl, and cannot be read ({error}); "
+                "use that one"
+            ) from error
+
+
+def _known(kind: type[C], data: Mapping[str, Any]) -> C:
+    names = {field.name for field in fields(kind)}
+    return kind(**{name: value for name, value in data.items() if name in names})
 
 
 def open_and_make_safe(

@@ -52,7 +52,13 @@ def vent_held(held: Held, asked: Conversation | NoAnswer, here: From) -> Vented:
     Raises:
         LabError: it does not answer and cannot be ended from here.
     """
-    holder, reach = held.entry.holder, Reach.from_plain(held.entry.reach)
+    holder = held.entry.holder
+    try:
+        reach = Reach.from_plain(held.entry.reach)
+    except LabError:
+        if not isinstance(asked, NoAnswer):
+            asked.close()
+        raise
     here.notify(f"{holder.rig_name} is held by {holder.describe()}")
     if holder.kind == "guard":
         here.notify(f"that guard is taking it to SAFE; waiting until it has, {_BUSY_S:g} s at most")
@@ -146,5 +152,10 @@ def _hold(held: Held, here: From) -> Holding | None:
 def _as_report(reading: SafeReading) -> SafeReport:
     channels_on = None if reading.channels_on is None else frozenset(reading.channels_on)
     return SafeReport(
-        reading.pressure_psi, reading.setpoint_psi, reading.vented_by, channels_on, reading.problems
+        reading.pressure_psi,
+        reading.setpoint_psi,
+        reading.vented_by,
+        channels_on,
+        reading.problems,
+        reading.only_zero_is_off,
     )

@@ -135,3 +135,59 @@ def test_a_run_that_brings_a_rig_to_safe_before_it_opens_it_says_so(lab):
 
     assert lab("inflate", "--pattern", "sphere", "--rig", lab.rig).code == 0
     assert (seen[0].phase, seen[0].venting) == ("opening", True)
+
+
+def test_an_old_reading_is_not_shown_as_the_present_one(lab, hold):
+    hold(
+        pressure_psi=3.9, setpoint_psi=3.9, reading_age_s=42.0, markers=16, markers_seen=16, marker_age_s=0.1
+    )
+
+    (pressure,) = (line for line in lab("status").out.splitlines() if line.startswith("pressure"))
+    assert pressure == "pressure  3.90 psi, setpoint 3.90 psi, read 42 s ago: the regulator does not answer"
+    assert "16 of 16 seen\n" in lab("status").out
+
+
+def test_a_guard_is_said_to_vent_and_one_that_is_silent_hides_no_other(lab, hold):
+    hold("/dev/one", kind="guard", source="/one.toml", name="one")
+    hold("/dev/two", source="/two.toml", name="two", pressure_psi=1.0, setpoint_psi=1.0)
+
+    done = lab("status")
+
+    assert done.code == 1
+    assert "two: ENERGISED" in done.out
+    assert "one is being taken to SAFE by process 100" in done.err
+    assert "hangs" not in done.err
+
+
+def test_a_zero_that_is_off_is_told_as_by_the_holder_itself(lab, hold):
+    hold(
+        read_back=SafeReading(
+            0.4, 0.0, "exhaust", (), ("the pressure reads 0.40 psi",), only_zero_is_off=True
+        )
+    )
+
+    done = lab("vent")
+
+    assert done.code == 1
+    assert "setpoint 0, exhaust open and every valve off were read back, but the pressure reads 0.40 psi" in (
+        done.out + done.err
+    )
+    assert "Close the supply" not in done.out + done.err
+
+
+def test_a_holder_of_a_labctl_with_one_more_limit_is_vented_all_the_same(lab, hold):
+    reach = Reach.of(lab.virtual.config).to_plain()
+    hold(reach={**reach, "limits": {**reach["limits"], "patience_s": 3.0}}, read_back=SAFE)
+
+    assert lab("vent").code == 0
+
+
+def test_a_reach_that_cannot_be_read_is_told_in_words(lab, hold):
+    reach = Reach.of(lab.virtual.config).to_plain()
+    hold(reach={**reach, "regulator": {"name": "regulator A"}}, read_back=SAFE)
+
+    done = lab("vent")
+
+    assert done.code == 1
+    assert "was written by another labctl" in done.out + done.err
+    assert "Traceback" not in done.err

@@ -124,6 +124,60 @@ def test_a_writer_that_is_stuck_holds_up_nobody_and_what_is_lost_is_counted():
     assert len(numbers) + left_out == 10_000
 
 
+def test_a_gap_stands_where_the_records_are_missing():
+    free, lines = threading.Event(), []
+
+    def write(line):
+        lines.append(line)
+        free.wait(10.0)
+
+    writer = QueuedWriter(write, lambda _: None, queued=5)
+    begun = logging.makeLogRecord({"msg": "0"})
+    writer.emit(begun)
+    wait_until(lambda: lines)
+    for number in range(1, 9):
+        writer.emit(logging.makeLogRecord({"msg": str(number)}))
+    free.set()
+    wait_until(lambda: len(lines) == 6)
+    writer.emit(logging.makeLogRecord({"msg": "9"}))
+    writer.close()
+
+    assert [line.split()[1] if line.startswith("...") else line for line in lines] == [*"012345", "3", "9"]
+
+
+def test_a_record_that_cannot_be_formatted_costs_that_record_only():
+    lines, failures = [], []
+    writer = QueuedWriter(lines.append, failures.append)
+    for record in ({"msg": "%d", "args": ("x",)}, {"msg": "right"}):
+        writer.emit(logging.makeLogRecord(record))
+    writer.close()
+
+    assert lines == ["right"]
+    assert isinstance(failures[0], TypeError)
+
+
+def test_the_file_is_opened_on_the_writers_thread_and_closed_there(tmp_path, monkeypatch):
+    """A disk that hangs must not keep a guard from venting."""
+    opened, here = [], threading.get_ident()
+    path, real = tmp_path / "wire.log", os.open
+
+    def watched(name, *flags):
+        if str(name) == str(path):
+            opened.append((threading.get_ident(), real(name, *flags)))
+            return opened[-1][1]
+        return real(name, *flags)
+
+    monkeypatch.setattr("labctl.logs.files.os.open", watched)
+    monkeypatch.setenv("LABCTL_LOG", f"wire={path}")
+    with logged_as_environment_says(no_notice):
+        assert opened == []
+        log_sent("regulator A", b"A\r")
+    ((thread, descriptor),) = opened
+    assert thread != here
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(descriptor)
+
+
 def test_a_program_without_options_finds_its_log_in_the_environment(tmp_path, monkeypatch):
     path = tmp_path / "wire.log"
     monkeypatch.setenv("LABCTL_LOG", f"wire={path}")
