@@ -1,5 +1,6 @@
 """From configuration to drivers: the one place that knows which class a `driver = ...` line means."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
@@ -16,6 +17,7 @@ from labctl.links.serial_link import open_serial_link
 from labctl.links.wires import SYSTEM_WIRES, Wires
 
 _PHASESPACE_BASE_PORT = 8000
+_LOG = logging.getLogger("labctl.drivers")
 
 
 def open_regulator(
@@ -27,6 +29,7 @@ def open_regulator(
         LinkDown: the port is absent or in use.
     """
     dual_valve = config.model == "PCD"
+    _LOG.info("%s: opening %s (%s)", config.name, config.port, config.driver)
     if config.driver == "alicat-ascii":
         link = open_serial_link(config.port, config.baudrate, clock, config.name, wires=wires)
         with _closed_on_error(link):
@@ -83,6 +86,8 @@ def open_valves(config: ValvesConfig, clock: Scheduler, wires: Wires = SYSTEM_WI
     Raises:
         LinkDown: the port or host is absent or in use.
     """
+    where = config.port if config.transport == "rtu" else f"{config.host}:{config.tcp_port}"
+    _LOG.info("%s: opening %s (%s)", config.name, where, config.driver)
     if config.transport == "rtu":
         link = open_modbus_serial(config.port, config.baudrate, clock, config.name, wires=wires)
     else:
@@ -107,9 +112,9 @@ def open_markers(
     Raises:
         LinkDown: nothing listens there.
     """
-    stream = wires.open_tcp(
-        config.host, _PHASESPACE_BASE_PORT + config.server_number, clock, config.name, config.timeout_s
-    )
+    port = _PHASESPACE_BASE_PORT + config.server_number
+    _LOG.info("%s: opening %s:%d (%s)", config.name, config.host, port, config.driver)
+    stream = wires.open_tcp(config.host, port, clock, config.name, config.timeout_s)
     with _closed_on_error(stream):
         return PhaseSpace(
             stream,

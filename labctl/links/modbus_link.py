@@ -5,6 +5,7 @@ every read and counts on the clock of the day, so that a call can take twice its
 compared with the request's function, address or count.
 """
 
+import logging
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
@@ -41,6 +42,8 @@ _EXCEPTIONS = {
     10: "gateway path unavailable",
     11: "gateway target did not respond",
 }
+
+_LOG = logging.getLogger("labctl.links")
 
 
 class ModbusLink:
@@ -199,6 +202,7 @@ class ModbusLink:
         if not self._suspect:
             self._channel.discard_late_replies(deadline)
             return True
+        _LOG.info("%s: not known to be in step: resynchronising before %s", self.name, shown(request))
         self._resync.run(deadline)
         return True
 

@@ -1,5 +1,6 @@
 """Requests and replies in CR-terminated lines over a serial port."""
 
+import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
@@ -12,6 +13,7 @@ from labctl.links.line_resync import LineResync, Probe, Stream, Wire
 from labctl.links.wires import SYSTEM_WIRES, Wires
 
 QUIET_S = 0.1
+_LOG = logging.getLogger("labctl.links")
 
 
 class SerialLink:
@@ -157,6 +159,7 @@ class SerialLink:
             self._suspect = False
 
     def _resynchronise(self, request: bytes, deadline: Deadline) -> None:
+        _LOG.info("%s: not known to be in step: resynchronising before %s", self.name, _shown(request))
         self._suspect = True
         if self._resync.possible and not self._resync.is_table(request):
             self._resync.run(deadline)

@@ -4,6 +4,7 @@ Opening looks at what is known to be zero: the gauge of a rig that is vented. A 
 reading to 0, true or not; so the exhaust is opened for it or, where there is none, the regulator shut meanwhile.
 """
 
+import logging
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ from labctl.safety.guard import Guard
 from labctl.safety.second_gauge import SecondGauge
 from labctl.safety.zero import GaugeSection, no_gas_in, wait_for_zero, zero_problem
 from labctl.stop import StopRequest
+
+_LOG = logging.getLogger("labctl.rig")
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,8 @@ class RigInstruments:
                     self.regulator.identify(), self.valves.identify(), markers.identify(), gauge_identity
                 )
                 _require_as_configured(self.identities.regulator, config)
+                for name, identity in self.identities.by_instrument().items():
+                    _LOG.info("%s: %s", name, identity.describe())
                 markers.start()
             except InstrumentError as error:
                 raise RigUnavailable(f"{error}. {found.words} ({config.source})") from error
@@ -109,6 +114,7 @@ class RigInstruments:
 
     def close(self, notify: Callable[[str], None]) -> None:
         """Give every link back; `notify` gets what fails on the way. May be called twice."""
+        _LOG.info("closing every link")
         try:
             self._opened.close()
         except LabError as error:

@@ -5,6 +5,7 @@ before it returns, and each wait beats for the supervisor. Leaving the `with` bl
 that back, whatever happened inside.
 """
 
+import logging
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from types import TracebackType
@@ -28,6 +29,7 @@ from labctl.stop import StopRequest
 
 _TICK_S = 0.05
 _LOOK_S = 0.005
+_LOG = logging.getLogger("labctl.rig")
 _READING_MARGIN_S = 2.0
 _FEWEST_FRAMES = 0.5
 _FEWEST_READINGS = 5
@@ -213,6 +215,7 @@ class Rig:
         with self._supervisor.energising(self._check_energising):
             on = self._instruments.valves.write(requested)
             self._supervisor.expect(channels_on=on)
+        _LOG.info("channels %s written, %s read back on", sorted(requested), sorted(on))
         return on
 
     def start_control(self) -> None:
@@ -226,6 +229,7 @@ class Rig:
             self._instruments.regulator.write_setpoint(0.0)
             reading = self._instruments.regulator.cancel_hold()
             self._supervisor.expect(setpoint_psi=reading.setpoint_psi, mode="control")
+        _LOG.info("control at setpoint 0: %s", _format_reading(reading))
 
     def write_setpoint(self, setpoint_psi: float) -> PressureReading:
         """Write a setpoint and read it back.
@@ -233,6 +237,11 @@ class Rig:
         Raises:
             InstrumentError: the true pressure would be above `limits.max_pressure_psi`, by the gauge's zero.
         """
+        reading = self._write_setpoint(setpoint_psi)
+        _LOG.info("setpoint %.3f psi written: %s", setpoint_psi, _format_reading(reading))
+        return reading
+
+    def _write_setpoint(self, setpoint_psi: float) -> PressureReading:
         self._require_true(setpoint_psi)
         with self._supervisor.energising(self._check_energising):
             reading = self._instruments.regulator.write_setpoint(setpoint_psi)
@@ -254,8 +263,10 @@ class Rig:
         while not reached:
             setpoint_psi = from_psi + self.config.limits.ramp_psi_per_s * (self.clock.now_s() - start_s)
             reached = setpoint_psi >= pressure_psi
-            watch(self.write_setpoint(min(setpoint_psi, pressure_psi)))
+            reading = self._write_setpoint(min(setpoint_psi, pressure_psi))
+            watch(reading)
             self.pressure()
+        _LOG.info("ramp to %.3f psi written: %s", pressure_psi, _format_reading(reading))
 
     def settle(self, pressure_psi: float, watch: Callable[[PressureReading], None]) -> PressureTrace:
         """Wait until the pressure has stayed within tolerance for `limits.settle_s`; returns that stretch.
@@ -402,3 +413,8 @@ class Rig:
                 f"{config.name}: {frames} of about {due:.0f} frames came in {seconds:g} s, the last {silent_s:.1f} s "
                 "ago; check the marker server and the network"
             )
+
+
+def _format_reading(reading: PressureReading) -> str:
+    flags = " ".join(sorted(reading.status)) or "none"
+    return f"read back setpoint {reading.setpoint_psi:.2f} psi, pressure {reading.gauge_psi:z.2f} psi, flags {flags}"

@@ -10,6 +10,7 @@ standard output once it is ready to act, with everything that it needs already i
 """
 
 import json
+import logging
 import os
 import select
 import subprocess
@@ -26,6 +27,7 @@ BEAT, ENERGISED, SAFE, STAND_DOWN = b".", b"e", b"s", b"q"
 ARMED = b"armed\n"
 
 _ARM_TIMEOUT_S = 15.0
+_LOG = logging.getLogger("labctl.safety")
 _STAND_DOWN_S = 3.0
 
 
@@ -96,6 +98,7 @@ class GuardProcess:
             start_new_session=True,
         )
         self._is_deaf = False
+        _LOG.info("guard started: process %d", self._process.pid)
         self._send((GuardOrders(Reach.of(config), os.getpid()).to_json() + "\n").encode())
         # A guard that reads nothing must not make the supervisor wait.
         os.set_blocking(self._pipe(), False)
@@ -134,6 +137,7 @@ class GuardProcess:
 
     def stand_down(self) -> None:
         """End the guard without venting: the rig is SAFE and closed."""
+        _LOG.info("guard %d stands down", self._process.pid)
         self._send(STAND_DOWN)
         self._close()
         try:
@@ -144,6 +148,7 @@ class GuardProcess:
 
     def release(self) -> None:
         """End the program's part without standing down: the guard takes the rig to SAFE itself."""
+        _LOG.info("guard %d takes over", self._process.pid)
         self._close()
         # It outlives this object on purpose: without a return code Popen would complain of a forgotten child.
         self._process.returncode = 0

@@ -11,6 +11,7 @@ what was confirmed by `expect`; the way to SAFE is `make_safe`. It beats the gua
 rig: a hang anywhere in between is the guard's to end.
 """
 
+import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -35,6 +36,7 @@ from labctl.safety.trip_rules import (
 )
 from labctl.safety.witness import Witness
 
+_LOG = logging.getLogger("labctl.safety")
 POLL_PERIOD_S = 0.05
 REVENT_PERIOD_S = 2.0
 _POLLS_PER_VALVE_READ = 10
@@ -199,6 +201,7 @@ class Supervisor:
                 self._guard.safe()
             self.safe_report = report
             self.channels_on = report.channels_on
+        _LOG.info("%s", report.describe())
         return report
 
     def reset(self) -> None:
@@ -361,6 +364,7 @@ class Supervisor:
         except Exception as error:
             why = f"{why}; venting failed: {error!r}"
         self._vented_s = self._scheduler.now_s()
+        _LOG.info("%s", why)
         outcome = "" if self._trip_report is None else f"; {self._trip_report.describe()}"
         self._notify_safely(f"{why}{outcome}")
 

@@ -1,10 +1,13 @@
 """Doing a checklist: setup and main until one fails, then the whole teardown, each step within its deadline."""
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from labctl.session.contract import Bench, Checklist, Step
 from labctl.session.run_stop import RunStop
+
+_LOG = logging.getLogger("labctl.session")
 
 
 @dataclass(frozen=True)
@@ -52,4 +55,13 @@ def _do(step: Step, bench: Bench, stop: RunStop, on_step: Callable[[Step], None]
         stop.check()
     with stop.during(step.description, step.deadline_s, bench.rig.clock, teardown=teardown):
         on_step(step)
-        step.do(bench)
+        start_s = bench.rig.clock.now_s()
+        _LOG.info("begin: %s", step.description)
+        try:
+            step.do(bench)
+        except BaseException as error:
+            _LOG.info(
+                "failed after %.2f s: %s: %r", bench.rig.clock.now_s() - start_s, step.description, error
+            )
+            raise
+        _LOG.info("done in %.2f s: %s", bench.rig.clock.now_s() - start_s, step.description)

@@ -203,3 +203,31 @@ def test_other_rigs_inflate_too(lab_with, settings):
     assert done.code == 0, done.err
     assert json.loads(done.out)["safe"] is True
     lab.virtual.assert_safe()
+
+
+def test_verbose_tells_what_is_done_with_the_instruments_and_nothing_else_does(lab):
+    quiet = lab(*SPHERE, lab.rig)
+    assert "labctl.rig" not in quiet.err
+
+    done = lab(*SPHERE, lab.rig, "--verbose")
+
+    assert done.code == 0
+    assert "labctl.rig" not in done.out
+    lines = [line.split(" ", 1)[1] for line in done.err.splitlines() if " labctl." in line]
+    wanted = [
+        "labctl.drivers: regulator A: opening ",
+        "labctl.drivers: marker stream: opening ",
+        "labctl.rig: regulator: PCD-15PSIG-D",
+        "labctl.safety: SAFE, as read back",
+        "labctl.session: begin: jam sphere",
+        "labctl.rig: channels [1, 2, 3, 4, 5, 6] written, [1, 2, 3, 4, 5, 6] read back on",
+        "labctl.session: begin: ramp to 3.90 psi",
+        "labctl.rig: ramp to 3.900 psi written: read back setpoint 3.90 psi",
+        "labctl.session: done in ",
+        "labctl.safety: SAFE, as read back",
+        "labctl.rig: closing every link",
+    ]
+    at = iter(lines)
+    for words in wanted:
+        assert any(line.startswith(words) for line in at), (words, lines)
+    assert not any("labctl.wire" in line for line in lines)
