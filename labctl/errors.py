@@ -41,6 +41,10 @@ class LinkBusy(LinkDown):
     """The port is in use by another program."""
 
 
+class LinkRefused(LinkDown):
+    """The host refused the connection: nothing listens there, or it takes one client at a time and has one."""
+
+
 class NoAnswer(InstrumentError):
     """No complete reply came before the deadline."""
 

@@ -80,9 +80,9 @@ def _vent(config: "RigConfig", stop: "StopRequest", line: ProgressLine) -> "Free
     from labctl.cli.outcome import Outcome
     from labctl.cli.rigs import held_rig
     from labctl.cli.vented import FreeRig
-    from labctl.errors import BadInput, LinkBusy
+    from labctl.errors import BadInput
     from labctl.holder.interfaces import RigHeld
-    from labctl.safety.reach import Reach, open_and_make_safe
+    from labctl.safety.reach import PERHAPS_IN_USE, Reach, open_and_make_safe
 
     platform = Outcome.current().platform
     with ExitStack() as opened:
@@ -101,7 +101,7 @@ def _vent(config: "RigConfig", stop: "StopRequest", line: ProgressLine) -> "Free
             platform.wires,
             # Another program, or the guard of a run that has just ended, may still have the ports.
             patience_s=_BUSY_S,
-            patient_with=LinkBusy,
+            patient_with=PERHAPS_IN_USE,
             notify=line.notify,
         )
         if presence is not None:

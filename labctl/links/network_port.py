@@ -14,7 +14,7 @@ import serial
 
 from labctl.clock import Clock
 from labctl.config.network_address import PLAIN, address_of
-from labctl.errors import LinkDown, NoAnswer
+from labctl.errors import LinkDown, LinkRefused, NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.links.interfaces import BytePort, TcpBytes
 from labctl.logs.wire import log_received, log_sent
@@ -65,6 +65,7 @@ class Rfc2217Port:
 
     Raises:
         LinkDown: the box does not answer, or refuses the settings; within 8 s, by pyserial's own time-outs.
+        LinkRefused: the box refuses the connection.
     """
 
     def __init__(self, port: str, *, baudrate: int, clock: Clock, name: str) -> None:
@@ -73,7 +74,10 @@ class Rfc2217Port:
         try:
             self._serial = serial.serial_for_url(port, baudrate, timeout=0)
         except (OSError, ValueError) as error:
-            raise LinkDown(
+            # pyserial names the cause in its text only, and keeps it as the context.
+            refused = isinstance(error.__context__, ConnectionRefusedError)
+            kind = LinkRefused if refused else LinkDown
+            raise kind(
                 f"{self.name}: the port cannot be opened at {baudrate} baud ({error}); check the box's address, that "
                 "it speaks RFC 2217 there, and that nobody else holds it"
             ) from error
@@ -169,7 +173,8 @@ def open_network_port(
     """A serial port behind the network; `open_stream` makes a TCP connection to a host and port.
 
     Raises:
-        LinkDown: nobody takes the connection, or the name is none of a network port's.
+        LinkDown: nobody takes the connection (LinkRefused where it is refused), or the name is none of a network
+            port's.
     """
     try:
         scheme, host, tcp_port = address_of(port)

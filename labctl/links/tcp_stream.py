@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any
 
 from labctl.clock import Clock
-from labctl.errors import LinkDown, NoAnswer
+from labctl.errors import LinkDown, LinkRefused, NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.logs.wire import log_received, log_sent
 
@@ -23,6 +23,7 @@ class TcpStream:
 
     Raises:
         LinkDown: the host is not known, or nobody took the connection within `connect_timeout_s`.
+        LinkRefused: the host refused it.
     """
 
     def __init__(self, host: str, port: int, clock: Clock, name: str, connect_timeout_s: float) -> None:
@@ -135,6 +136,7 @@ class TcpStream:
 
 def _connect(name: str, host: str, port: int, deadline: Deadline) -> socket.socket:
     failure: Exception | None = None
+    kind = LinkDown
     for family, address in _resolve(name, host, port, deadline):
         connection = socket.socket(family, socket.SOCK_STREAM)
         # Zero would mean a socket that does not wait at all, and an error without a cause.
@@ -145,11 +147,13 @@ def _connect(name: str, host: str, port: int, deadline: Deadline) -> socket.sock
         except OSError as error:
             connection.close()
             failure = error
+            if isinstance(error, ConnectionRefusedError):
+                kind = LinkRefused
             continue
         return connection
-    raise LinkDown(
-        f"{name}: no connection within {deadline.seconds:g} s ({failure}); check that the server is running, "
-        "and its address in the rig's configuration"
+    raise kind(
+        f"{name}: no connection within {deadline.seconds:g} s ({failure}); check that the server is running, that "
+        "nobody else has the only connection it takes, and its address in the rig's configuration"
     ) from failure
 
 

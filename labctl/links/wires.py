@@ -20,7 +20,8 @@ class Wires(Protocol):
         """A serial port, 8N1.
 
         Raises:
-            LinkDown: the port is absent, may not be opened or is in use (LinkBusy).
+            LinkDown: the port is absent, may not be opened or is in use (LinkBusy), or refused by the host that it is
+                behind (LinkRefused).
         """
         ...
 
@@ -28,7 +29,7 @@ class Wires(Protocol):
         """A TCP connection.
 
         Raises:
-            LinkDown: nobody took it within `connect_timeout_s`.
+            LinkDown: nobody took it within `connect_timeout_s`; LinkRefused: the host refused it.
         """
         ...
 

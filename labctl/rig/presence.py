@@ -9,11 +9,10 @@ from contextlib import contextmanager, suppress
 from typing import Literal
 
 from labctl.config.rig import RigConfig
-from labctl.errors import LinkBusy
 from labctl.holder.records import VERSION, Holder, Request, RigState, SafeReading
 from labctl.rig.platform import Platform
 from labctl.rig.rig import Rig
-from labctl.safety.reach import Reach, open_and_make_safe
+from labctl.safety.reach import PERHAPS_IN_USE, Reach, open_and_make_safe
 from labctl.safety.safe_state import SafeReport
 from labctl.stop import StopRequest
 
@@ -195,7 +194,7 @@ class Presence:
             self._platform.scheduler,
             self._platform.wires,
             patience_s=_BUSY_S,
-            patient_with=LinkBusy,
+            patient_with=PERHAPS_IN_USE,
             notify=self._notify,
         )
 

@@ -9,11 +9,13 @@ from typing import Any, TypeVar
 from labctl.clock import Clock, Scheduler, rig_clock
 from labctl.config.rig import Limits, RegulatorConfig, RigConfig, ValvesConfig
 from labctl.drivers.opening import open_regulator, open_valves
-from labctl.errors import LabError
+from labctl.errors import LabError, LinkBusy, LinkRefused
 from labctl.instruments.interfaces import PressureRegulator, ValveBank
 from labctl.links.wires import SYSTEM_WIRES, Wires
 from labctl.safety.safe_state import SafeReport, reach_and_make_safe
 
+# What another program that has the port looks like: an Ethernet box that takes one client at a time refuses the next.
+PERHAPS_IN_USE = (LinkBusy, LinkRefused)
 # A regulator's first exchange includes its layout, which takes about a second at 19200 baud.
 _STEP_TIMEOUT_S = 2.0
 _REOPEN_PAUSE_S = 0.02
@@ -79,14 +81,14 @@ def open_and_make_safe(
     wires: Wires = SYSTEM_WIRES,
     *,
     patience_s: float,
-    patient_with: type[Exception] = Exception,
+    patient_with: tuple[type[Exception], ...] = (Exception,),
     notify: Callable[[str], None],
 ) -> SafeReport:
     """Open the regulator and the valves, take them to SAFE, read it back and close them again.
 
-    An instrument whose opening fails with `patient_with` is tried again for `patience_s`: the ports of a program
-    that has just died take a moment to be free, and a guard that is venting gives them back. `notify` gets why one
-    stays away, after a second and at the end.
+    An instrument whose opening fails with one of `patient_with` is tried again for `patience_s`: the ports of a
+    program that has just died take a moment to be free, and a guard that is venting gives them back. `notify` gets
+    why one stays away, after a second and at the end.
     """
     opened: list[PressureRegulator | ValveBank] = []
 
@@ -117,7 +119,7 @@ def _open(
     opener: Callable[[], T],
     wall: Clock,
     patience_s: float,
-    patient_with: type[Exception],
+    patient_with: tuple[type[Exception], ...],
     notify: Callable[[str], None],
 ) -> T | None:
     start_s = wall.now_s()

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from labctl.clock import Scheduler
-from labctl.errors import LabError, LinkBusy, NoAnswer
+from labctl.errors import LabError, NoAnswer
 from labctl.holder.interfaces import Conversation, Held, Holders, Holding, RigHeld
 from labctl.holder.records import Holder, RigState, SafeReading
 from labctl.links.wires import Wires
-from labctl.safety.reach import Reach, open_and_make_safe
+from labctl.safety.reach import PERHAPS_IN_USE, Reach, open_and_make_safe
 from labctl.safety.safe_state import SafeReport
 
 ANSWER_S = 1.0
@@ -126,7 +126,7 @@ def _vent_here(held: Held, reach: Reach, here: From) -> SafeReport:
             here.scheduler,
             here.wires,
             patience_s=_BUSY_S,
-            patient_with=LinkBusy,
+            patient_with=PERHAPS_IN_USE,
             notify=here.notify,
         )
     finally:

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from labctl.doubles.in_process import REGULATOR_PORT
+from labctl.errors import LinkRefused
 from labctl.holder.records import VERSION, RigState, SafeReading
 from labctl.holder.this_holder import this_holder
 from labctl.safety.guard import ENERGISED
@@ -115,6 +116,72 @@ def states_at(lab, condition):
 
     lab.when(condition, look)
     return seen
+
+
+@pytest.fixture
+def refuse(lab, monkeypatch):
+    """The regulator is behind a box that takes one client at a time, and somebody else is at it for so long."""
+    wires = lab.virtual.doubles.wires
+    opened = wires.open_serial
+
+    def begin(seconds):
+        end_s = lab.time.now_s() + seconds
+
+        def open_serial(port, baudrate, name):
+            if port == REGULATOR_PORT and lab.time.now_s() < end_s:
+                raise LinkRefused(f"{name} on {port}: no connection")
+            return opened(port, baudrate, name)
+
+        monkeypatch.setattr(wires, "open_serial", open_serial)
+
+    return begin
+
+
+def test_a_box_that_refuses_a_second_client_is_waited_for(lab, refuse):
+    lab.leave_energised()
+    refuse(12)
+
+    done = lab("vent", "--rig", lab.rig)
+
+    assert done.code == 0, done.err
+    assert "no connection; trying again for 30 s" in done.err
+    lab.virtual.assert_safe()
+
+
+def test_a_box_that_goes_on_refusing_is_given_up_after_30_s_and_the_rig_unsafe(lab, refuse):
+    refuse(1000)
+    start_s = lab.time.now_s()
+
+    done = lab("vent", "--rig", lab.rig)
+
+    assert done.code == 1
+    assert "UNSAFE: the pressure regulator could not be read back" in done.out
+    assert 30 < lab.time.now_s() - start_s < 35
+
+
+def test_a_holder_with_no_port_open_waits_for_such_a_box_too(lab, refuse):
+    seen = []
+
+    def deed():
+        refuse(3)
+        seen.append(lab.second("vent", "--rig", lab.rig))
+
+    lab.at("simulating the patterns", deed)
+    lab("inflate", "--pattern", "sphere", "--rig", lab.rig)
+
+    assert seen[0].code == 0, seen[0].err
+    assert "vented and read back by that process" in seen[0].out
+
+
+def test_whoever_vents_in_a_holder_s_place_waits_for_such_a_box_too(lab, hold, refuse):
+    refuse(12)
+    holding = hold()
+    holding.is_silent, holding.on_end = True, lambda: None
+
+    done = lab("vent")
+
+    assert done.code == 0, done.err
+    assert "vented and read back by this one, in its place" in done.out
 
 
 def test_a_labctl_vent_that_waits_for_a_port_says_that_it_vents(lab):

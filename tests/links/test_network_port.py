@@ -15,7 +15,7 @@ from labctl.doubles.serve import Doubles
 from labctl.doubles.settings import DoublesSettings
 from labctl.drivers.alicat_ascii import AlicatAscii
 from labctl.drivers.waveshare_relay import WaveshareRelay
-from labctl.errors import LinkDown
+from labctl.errors import LinkDown, LinkRefused
 from labctl.links.deadline import Deadline
 from labctl.links.modbus_link import open_modbus_serial
 from labctl.links.network_port import Rfc2217Port, StreamPort
@@ -171,7 +171,7 @@ def test_a_box_that_hangs_up_is_a_link_that_is_down(doubles, box):
 def test_a_box_that_is_not_there_is_named(scheme):
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
-    with pytest.raises(LinkDown, match=rf"regulator A on ({scheme}://)?127.0.0.1:{port}"):
+    with pytest.raises(LinkRefused, match=rf"regulator A on ({scheme}://)?127.0.0.1:{port}"):
         open_serial_link(f"{scheme}://127.0.0.1:{port}", 19200, WallClock(), "regulator A")
 
 
@@ -190,8 +190,9 @@ def test_a_box_that_speaks_no_rfc_2217_is_refused_in_time():
     with socket.create_server(("127.0.0.1", 0)) as listener:
         name = "rfc2217://{}:{}".format(*listener.getsockname())
         begin = time.monotonic()
-        with pytest.raises(LinkDown, match="check the box's address, that it speaks RFC 2217 there"):
+        with pytest.raises(LinkDown, match="check the box's address, that it speaks RFC 2217 there") as down:
             Rfc2217Port(name, baudrate=9600, clock=WallClock(), name="valve bank")
+        assert not isinstance(down.value, LinkRefused)
         assert time.monotonic() - begin < 10
 
 

@@ -5,7 +5,7 @@ import time
 import pytest
 
 from labctl.clock import WallClock
-from labctl.errors import LinkDown, NoAnswer
+from labctl.errors import LinkDown, LinkRefused, NoAnswer
 from labctl.links.deadline import Deadline
 from labctl.links.tcp_stream import TcpStream
 
@@ -89,7 +89,7 @@ def test_nobody_listening_is_reported_at_once(connect):
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
     with pytest.raises(
-        LinkDown, match=r"no connection within 1 s.*refused.*check that the server is running"
+        LinkRefused, match=r"no connection within 1 s.*refused.*check that the server is running"
     ):
         connect(port)
 
