@@ -78,7 +78,7 @@ class Box:
     def _serve(self):
         with contextlib.suppress(OSError):
             self._peer, _ = self._listener.accept()
-            # As that example does; else the second piece of a reply waits for the first one's delayed acknowledgement.
+            # As that example does; else a reply's second piece waits for the delayed acknowledgement of the first.
             self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             manager = serial.rfc2217.PortManager(self._serial, self)
             reader = threading.Thread(target=self._read, args=(manager,), daemon=True)

@@ -62,7 +62,7 @@ def bench(tmp_path, monkeypatch, capsys):
         path = tmp_path / "rig.toml"
         path.write_text(lab.rig_text + lab.measurement)
 
-        def replay(config, *, stop, notify, platform):
+        def replay(config, *, stop, notify, platform, venting):
             return ReplayedRig(config, recorded, stop, looks_s, at_settle)
 
         monkeypatch.setattr("labctl.cli.run.session.Rig", replay)
