@@ -50,21 +50,39 @@ def status(rig_path: Path | None, as_json: bool) -> None:
 def _read(config: "RigConfig", stop: "StopRequest") -> tuple["PressureReading", frozenset[int]]:
     from labctl.cli.outcome import Outcome
     from labctl.drivers.opening import open_regulator, open_valves
-    from labctl.errors import InstrumentError, RigUnavailable
+    from labctl.errors import InstrumentError, LinkBusy, RigUnavailable
 
     platform = Outcome.current().platform
-    try:
-        with ExitStack() as opened:
+    reading: PressureReading | None = None
+    channels_on: frozenset[int] | None = None
+    missing: list[InstrumentError] = []
+    with ExitStack() as opened:
+        try:
             regulator = open_regulator(config.regulator, config.limits, platform.scheduler, platform.wires)
             opened.callback(regulator.close)
-            stop.check()
-            valves = open_valves(config.valves, platform.scheduler, platform.wires)
-            opened.callback(valves.close)
             reading = regulator.read()
-            stop.check()
-            return reading, valves.read()
-    except InstrumentError as error:
-        raise RigUnavailable(f"{error} ({config.source})") from error
+        except InstrumentError as error:
+            missing.append(error)
+        stop.check()
+        # Whoever has the regulator's port has the rig.
+        if not any(isinstance(error, LinkBusy) for error in missing):
+            try:
+                valves = open_valves(config.valves, platform.scheduler, platform.wires)
+                opened.callback(valves.close)
+                channels_on = valves.read()
+            except InstrumentError as error:
+                missing.append(error)
+    if reading is None or channels_on is None:
+        # What one instrument reads must not be hidden by the other's absence.
+        seen = ""
+        if reading is not None:
+            pressure = f"{reading.gauge_psi:z.2f} psi, setpoint {reading.setpoint_psi:.2f} psi"
+            seen = f". {config.regulator.name} reads {pressure}"
+        elif channels_on is not None:
+            on = ", ".join(map(str, sorted(channels_on))) or "none"
+            seen = f". {config.valves.name}: channels on: {on}"
+        raise RigUnavailable(f"{'; '.join(map(str, missing))}{seen} ({config.source})")
+    return reading, channels_on
 
 
 def _show(

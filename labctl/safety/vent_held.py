@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from labctl.clock import Scheduler
+from labctl.config.rig import Limits
 from labctl.errors import LabError, NoAnswer
 from labctl.holder.interfaces import Conversation, Held, Holders, Holding, RigHeld
 from labctl.holder.records import Holder, RigState, SafeReading
@@ -53,18 +54,12 @@ def vent_held(held: Held, asked: Conversation | NoAnswer, here: From) -> Vented:
         LabError: it does not answer and cannot be ended from here.
     """
     holder = held.entry.holder
-    try:
-        reach = Reach.from_plain(held.entry.reach)
-    except LabError:
-        if not isinstance(asked, NoAnswer):
-            asked.close()
-        raise
     here.notify(f"{holder.rig_name} is held by {holder.describe()}")
     if holder.kind == "guard":
         here.notify(f"that guard is taking it to SAFE; waiting until it has, {_BUSY_S:g} s at most")
     else:
         try:
-            report = _watch(asked, held, reach, here)
+            report = _watch(asked, held, here)
         except NoAnswer as silence:
             here.notify(f"{silence}: ending it and venting from here")
             held.end()
@@ -72,10 +67,10 @@ def vent_held(held: Held, asked: Conversation | NoAnswer, here: From) -> Vented:
             if report is not None:
                 return Vented(holder, report, "holder")
             here.notify(f"process {holder.pid} has let go of the rig: venting from here")
-    return Vented(holder, _vent_here(held, reach, here), "here")
+    return Vented(holder, _vent_here(held, Reach.from_plain(held.entry.reach), here), "here")
 
 
-def _watch(asked: Conversation | NoAnswer, held: Held, reach: Reach, here: From) -> SafeReport | None:
+def _watch(asked: Conversation | NoAnswer, held: Held, here: From) -> SafeReport | None:
     """What the holder read back; None where it let go of the rig without an answer.
 
     Raises:
@@ -84,14 +79,25 @@ def _watch(asked: Conversation | NoAnswer, held: Held, reach: Reach, here: From)
     if isinstance(asked, NoAnswer):
         raise asked
     try:
-        return _until_read_back(asked, held, reach, here)
+        return _until_read_back(asked, held, _longest_vent_s(held), here)
     finally:
         asked.close()
 
 
-def _until_read_back(conversation: Conversation, held: Held, reach: Reach, here: From) -> SafeReport | None:
+def _longest_vent_s(held: Held) -> float:
+    """How long the holder may take, by the wall's clock; what another labctl wrote need not be readable for that."""
+    try:
+        reach = Reach.from_plain(held.entry.reach)
+    except LabError:
+        return Limits.vent_timeout_s
+    return reach.limits.vent_timeout_s / reach.speed
+
+
+def _until_read_back(
+    conversation: Conversation, held: Held, longest_s: float, here: From
+) -> SafeReport | None:
     start_s = here.scheduler.now_s()
-    end_s = start_s + reach.limits.vent_timeout_s / reach.speed + _MARGIN_S
+    end_s = start_s + longest_s + _MARGIN_S
     pid = held.entry.holder.pid
     state, opening_s = None, start_s
     while (latest := conversation.next_state(ANSWER_S)) is not None:

@@ -249,9 +249,11 @@ def test_a_holder_of_a_labctl_with_one_more_limit_is_vented_all_the_same(lab, ho
     assert lab("vent").code == 0
 
 
-def test_a_reach_that_cannot_be_read_is_told_in_words(lab, hold):
-    reach = Reach.of(lab.virtual.config).to_plain()
-    hold(reach={**reach, "regulator": {"name": "regulator A"}}, read_back=SAFE)
+def test_a_reach_that_cannot_be_read_hinders_no_holder_and_is_told_where_it_is_needed(lab, hold):
+    reach = {**Reach.of(lab.virtual.config).to_plain(), "regulator": {"name": "regulator A"}}
+    hold(reach=reach, read_back=SAFE)
+    assert lab("vent").code == 0
+    hold("/dev/other", reach=reach, phase="opening").on_end = lambda: None
 
     done = lab("vent")
 

@@ -53,6 +53,17 @@ def test_status_of_an_instrument_that_is_silent_gives_the_ports_back(lab_with, i
         assert "no answer" in done.err
 
 
+def test_a_silent_valve_bank_does_not_hide_the_pressure_from_status(lab_with):
+    lab = lab_with("valves=silent")
+    lab.leave_energised()
+
+    done = lab("status", "--rig", lab.rig)
+
+    assert done.code == 2
+    assert "setpoint 2.00 psi" in done.err
+    assert "valve bank" in done.err
+
+
 def test_the_doctor_finds_every_instrument_and_energises_nothing(lab):
     done = lab("doctor", "--rig", lab.rig, "--json")
 
