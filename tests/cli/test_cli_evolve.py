@@ -209,6 +209,7 @@ def test_more_ctrl_c_while_the_workers_end_adds_nothing(start, tmp_path):
 
 # The signal must come before the page is drawn and the program gone.
 @pytest.mark.real_time
+@pytest.mark.long
 def test_ctrl_c_after_the_last_generation_keeps_the_run(start, tmp_path):
     once = ("--targets", "saddle:20mm", "--population", "2", "--generations", "1", "--workers", "1")
     running = start("evolve", *once, "--out", tmp_path / "c")
@@ -252,6 +253,7 @@ def test_a_page_that_cannot_be_written_hides_no_result(searched, tmp_path, capsy
     assert "the run is kept" in printed.err
 
 
+@pytest.mark.long
 def test_more_generations_and_several_seeds(tmp_path, capsys):
     out = tmp_path / "several"
     short = ["--targets", "saddle:20mm", "--population", "2", "--workers", "1", "--out", str(out), "--json"]

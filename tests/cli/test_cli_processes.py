@@ -35,6 +35,7 @@ def test_inflates_on_doubles_of_its_own(labctl_process):
     assert result["safe"] is True
 
 
+@pytest.mark.long
 def test_inflates_on_doubles_of_another_process(labctl_process, served):
     done = labctl_process(*SPHERE, served.rig)
 
@@ -65,6 +66,7 @@ def test_kill_9_during_the_hold_vents_within_a_second(start, doubles_with):
     assert "guard: simulated rig: SAFE, as read back" in running.err
 
 
+@pytest.mark.long
 def test_a_program_that_hangs_is_ended_and_the_rig_vented(start, doubles_with):
     with doubles_with() as served:
         running = start(*SPHERE, served.rig)
