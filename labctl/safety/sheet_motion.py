@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ _MIDMEAN_SD, _TRIMMED_SD = 1.1, 1.04
 _TRIMMED = 1 / 8
 # Of the frames' noise as it was known, this share stays with each step.
 _KNOWN = 0.9
+# By how much the instrument's clock may run away from the laboratory's.
+_DRIFT = 5e-4
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,8 @@ class MarkerStep:
 
     NaN where a marker was not seen. `sd_mm` (m,) is what noise makes of a coordinate; `track` (m,) numbers how often
     each has come back somewhere else: places on two tracks are not to be compared. `time_s` is the mean of the
-    frames' times by the instrument's clock, `arrival_s` when the last of them came.
+    frames' times by the instrument's clock, `arrival_s` when the last of them would have come without delay: a
+    batch that a busy computer takes late must not look like a sheet that moved in no time.
     """
 
     time_s: float
@@ -83,6 +86,8 @@ class MarkerSteps:
         self._last_mm = np.full((len(self._ids), 3), np.nan)
         self._last_s = np.zeros(len(self._ids))
         self._track = np.zeros(len(self._ids), dtype=np.int64)
+        # The least that arrivals were behind the instrument's clock, and the time of the frame it was last known at.
+        self._delay_s, self._delay_at_s = np.inf, 0.0
         self._frame_sd_mm = np.inf
         self._pending: list[tuple[float, float, Floats]] = []
         self.kept: deque[MarkerStep] = deque(maxlen=pace.counts[-1] + 2 * pace.short)
@@ -97,6 +102,7 @@ class MarkerSteps:
                 if self._number is not None and numbers[row] < self._number:
                     # The instrument's time went back: a server that was started again.
                     self.kept.clear()
+                    self._delay_s = np.inf
                 self._number = int(numbers[row])
             self._pending.append((float(frames.time_s[row]), float(frames.arrival_s[row]), samples_mm[row]))
         return int(np.isfinite(samples_mm[:, :, 0]).sum(axis=1).max(initial=0))
@@ -118,7 +124,19 @@ class MarkerSteps:
         self._track = self._track + (moved_mm > _JUMP_MM + _FASTEST_MM_PER_S * self._step_s)
         self._last_mm[is_seen], self._last_s[is_seen] = middle_mm[is_seen], time_s
         sd_mm = np.where(is_seen, _MIDMEAN_SD * self._frame_sd_mm / np.sqrt(np.maximum(counts, 1)), np.nan)
-        self.kept.append(MarkerStep(time_s, max(arrivals_s), middle_mm, sd_mm, self._track))
+        arrival_s = self._undelayed_s(times_s[-1], arrivals_s[-1])
+        self.kept.append(MarkerStep(time_s, arrival_s, middle_mm, sd_mm, self._track))
+
+    def _undelayed_s(self, time_s: float, arrival_s: float) -> float:
+        """When the frame of that time would have come without delay; what is kept is set right where less shows."""
+        known_s = self._delay_s + _DRIFT * abs(time_s - self._delay_at_s)
+        self._delay_s, self._delay_at_s = min(arrival_s - time_s, known_s), time_s
+        too_late_s = known_s - self._delay_s
+        if 0 < too_late_s < np.inf:
+            earlier = [replace(step, arrival_s=step.arrival_s - too_late_s) for step in self.kept]
+            self.kept.clear()
+            self.kept.extend(earlier)
+        return time_s + self._delay_s
 
     def _learn_noise(self, off_mm: Floats, counts: Counts) -> None:
         """The standard deviation of a coordinate in one frame, from how far samples are off their middle."""

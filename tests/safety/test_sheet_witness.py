@@ -1,5 +1,7 @@
 """Markers as a witness: a sheet that moves on while the pressure reading stands."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from virtual_time import VirtualTime
@@ -62,9 +64,13 @@ class Inflation:
         creep=0.02,
         spoil=lambda places, cond, now_s: None,
         silent=lambda now_s: False,
+        late=0.0,
     ):
-        """When the witness trips and why; the ramp begins after a second of rest."""
-        begins_s = 1.0
+        """When the witness trips and why; the ramp begins after a second of rest.
+
+        `late` is the share of looks that a busy computer misses: what came meanwhile is taken at the next one.
+        """
+        begins_s, waiting, delays = 1.0, [], np.random.default_rng(7)
         while self.clock.now_s() < seconds:
             self.clock.sleep(POLL_S)
             now_s = self.clock.now_s()
@@ -74,7 +80,12 @@ class Inflation:
             self.height_psi += (truth - self.height_psi) * POLL_S / follows_s
             self.creep_psi = creep * truth * np.log10(max(1.0, ramp_s))
             if not silent(now_s):
-                self.witness.take(self.frames(spoil))
+                waiting.append(self.frames(spoil))
+            if delays.random() < late:
+                continue
+            for frames in waiting:
+                self.witness.take(replace(frames, arrival_s=np.full(len(frames), now_s)))
+            waiting = []
             shown = truth if reading_psi is None else reading_psi(ramp_s, truth)
             sample = PressureSample(PressureReading(round(shown, 2), setpoint), now_s, now_s)
             mode = "control" if ramp_s >= 0 else None
@@ -96,6 +107,18 @@ def climbing_from(when_s, rate_psi_per_s):
 @pytest.mark.parametrize("follows_s", [0.1, 0.5, 1.5])
 def test_a_sheet_that_comes_to_rest_is_left_alone(seed, follows_s):
     assert Inflation(seed=seed).run(held, 40, follows_s=follows_s) is None
+
+
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(2, 8))]
+)
+@pytest.mark.parametrize("late", [0.5, 0.8])
+def test_what_a_busy_computer_takes_late_is_no_motion_of_the_sheet(seed, late):
+    assert Inflation(seed=seed).run(held, 20, follows_s=1.5, late=late) is None
+    tripped = Inflation(seed=seed).run(
+        climbing_from(6.0, 0.1), 60, reading_psi=lambda ramp_s, truth: min(truth, 3.9), late=late
+    )
+    assert tripped[1] < 4.6
 
 
 @pytest.mark.parametrize("rate_psi_per_s", [0.02, 0.05, 0.1, 0.2, 0.25])
