@@ -16,7 +16,7 @@ test: $(INSTALLED)  ## every check and every test
 	$(BIN)/pytest -n 2 --dist loadfile -m "not real_time and not long"
 	$(BIN)/pytest -m "real_time and not long"
 
-test-long: $(INSTALLED) kernels  ## further cases of what `make test` shows once: about 5 minutes
+test-long: $(INSTALLED) kernels  ## further cases of what `make test` shows once: about 4 minutes
 	$(BIN)/pytest -n 2 --dist loadfile -m "long and not real_time"
 	$(BIN)/pytest -m "long and real_time"
 
