@@ -1,6 +1,7 @@
 """Two groups of trials compared: which shape is nearer to its simulation, and how sure that is.
 
-Differences are "other less one" in percentage points of e_t: above 0, the other is further from its simulation.
+Every difference is "one less other", A less B: of e_t in percentage points (above 0, the first is further from its
+simulation), of heights in mm (above 0, the first rises higher).
 """
 
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from labctl.ledger.records import RunRecord, TrialRecord
+from labctl.statistics.height_differences import OverHeights, compare_heights
 from labctl.statistics.intervals import (
     Interval,
     bootstrap_difference,
@@ -72,12 +74,17 @@ class OverPoints:
 
 @dataclass(frozen=True)
 class GroupComparison:
-    """One group against an other; a part is None where there is nothing to compare it by."""
+    """One group against an other; a part is None where there is nothing to compare it by.
+
+    `over_points` and `heights` need the same measuring points on both sides (`same_points`).
+    """
 
     one: GroupName
     other: GroupName
+    same_points: bool
     over_trials: OverTrials | None
     over_points: OverPoints | None
+    heights: OverHeights | None
 
 
 @dataclass(frozen=True)
@@ -151,8 +158,10 @@ def _compare(
     return GroupComparison(
         one=GroupName(run.number, *key),
         other=GroupName(other.number, *other_key),
+        same_points=same_points,
         over_trials=_over_trials(levels, other_levels),
         over_points=_over_points(levels, other_levels) if same_points else None,
+        heights=compare_heights(run.points, levels, other_levels) if same_points else None,
     )
 
 
@@ -162,10 +171,10 @@ def _over_trials(levels: Sequence[GoodLevel], other_levels: Sequence[GoodLevel])
         return None
     return OverTrials(
         trials=(len(e_t), len(other_e_t)),
-        difference_percent=float(np.mean(other_e_t) - np.mean(e_t)),
-        welch=welch_difference(e_t, other_e_t),
-        bootstrap=bootstrap_difference(e_t, other_e_t),
-        welch_p=welch_p(e_t, other_e_t),
+        difference_percent=float(np.mean(e_t) - np.mean(other_e_t)),
+        welch=welch_difference(other_e_t, e_t),
+        bootstrap=bootstrap_difference(other_e_t, e_t),
+        welch_p=welch_p(other_e_t, e_t),
     )
 
 
@@ -174,7 +183,7 @@ def _over_points(levels: Sequence[GoodLevel], other_levels: Sequence[GoodLevel])
     both = np.isfinite(one) & np.isfinite(other)
     if both.sum() < FEWEST_POINTS:
         return None
-    apart = (other - one)[both]
+    apart = (one - other)[both]
     return OverPoints(
         points=len(apart),
         difference_percent=float(apart.mean()),

@@ -19,23 +19,23 @@ def trials_of(make_trial, make_level):
     return make
 
 
-def test_the_difference_over_trials_is_other_less_one(run, make_run, trials_of):
+def test_the_difference_over_trials_is_one_less_other(run, make_run, trials_of):
     compared = compare_runs(run, trials_of(ONE), make_run(number=8), trials_of(OTHER))
     (group,) = compared.groups
     over = group.over_trials
     assert over.trials == (5, 5)
-    assert over.difference_percent == pytest.approx(27.9 - 18)
-    expected = stats.ttest_ind(OTHER, ONE, equal_var=False)
+    assert over.difference_percent == pytest.approx(18 - 27.9)
+    expected = stats.ttest_ind(ONE, OTHER, equal_var=False)
     assert over.welch_p == pytest.approx(expected.pvalue)
     assert (over.welch.low, over.welch.high) == pytest.approx(tuple(expected.confidence_interval(0.95)))
-    assert over.welch.low < over.bootstrap.low < 9.9 < over.bootstrap.high < over.welch.high
+    assert over.welch.low < over.bootstrap.low < -9.9 < over.bootstrap.high < over.welch.high
     assert group.one.describe() == "run 7, neat, sphere at 3.9 psi"
     assert group.other.run == 8
     assert compared.unmatched == ()
 
 
 def test_points_are_paired_with_themselves(run, make_trial, make_level):
-    # Each point 1 to 4 higher, while the points themselves are 30 apart: only pairing shows it.
+    # Each point of the other 1 to 4 higher, while the points themselves are 30 apart: only pairing shows it.
     one = [make_trial(i, make_level(25.0, errors=(10.0, 20.0, 30.0, 40.0))) for i in (1, 2)]
     other = [
         make_trial(1, make_level(27.0, errors=(10.0, 21.0, 32.0, 43.0))),
@@ -43,11 +43,11 @@ def test_points_are_paired_with_themselves(run, make_trial, make_level):
     ]
     (group,) = compare_runs(run, one, run, other).groups
     over = group.over_points
-    apart = [1.0, 2.0, 3.0, 4.0]
+    apart = [-1.0, -2.0, -3.0, -4.0]
     assert over.points == 4
-    assert over.difference_percent == pytest.approx(2.5)
-    assert over.t.low == pytest.approx(2.5 - 3.182446 * np.std(apart, ddof=1) / 2)
-    assert 1 <= over.bootstrap.low < 2.5 < over.bootstrap.high <= 4
+    assert over.difference_percent == pytest.approx(-2.5)
+    assert over.t.low == pytest.approx(-2.5 - 3.182446 * np.std(apart, ddof=1) / 2)
+    assert -4 <= over.bootstrap.low < -2.5 < over.bootstrap.high <= -1
     # Four differences of one sign: 2 of the 16 ways are as far out.
     assert over.wilcoxon_p == pytest.approx(2 / 16)
 
@@ -57,7 +57,7 @@ def test_points_that_only_one_side_saw_are_left_out(run, make_trial, make_level)
     other = [make_trial(1, make_level(20.0, errors=(11.0, 21.0, 31.0, 99.0)))]
     (group,) = compare_runs(run, one, run, other).groups
     assert group.over_points.points == 3
-    assert group.over_points.difference_percent == pytest.approx(1)
+    assert group.over_points.difference_percent == pytest.approx(-1)
     too_few = [make_trial(1, make_level(20.0, errors=(11.0, 21.0, None, 99.0)))]
     (group,) = compare_runs(run, one, run, too_few).groups
     assert group.over_points is None
@@ -67,13 +67,13 @@ def test_other_measuring_points_are_not_paired(run, make_run, trials_of):
     moved = make_run(number=8, points=((30.0, 35.0), (70.0, 70.0), (105.0, 35.0), (70.0, 105.0)))
     (group,) = compare_runs(run, trials_of(ONE), moved, trials_of(OTHER)).groups
     assert group.over_points is None
-    assert group.over_trials.difference_percent == pytest.approx(9.9)
+    assert group.over_trials.difference_percent == pytest.approx(-9.9)
 
 
 def test_one_trial_a_side_has_a_difference_and_no_interval_over_trials(run, trials_of):
     (group,) = compare_runs(run, trials_of([10.0]), run, trials_of([12.0])).groups
     over = group.over_trials
-    assert over.difference_percent == 2
+    assert over.difference_percent == -2
     assert (over.welch, over.bootstrap, over.welch_p) == (None, None, None)
     # All four points are 2 apart.
     assert group.over_points.bootstrap.method == "all-equal"
@@ -146,5 +146,5 @@ def test_the_placements_of_one_run_pattern_by_pattern(run, trials_of):
     assert {(group.one.placement, group.other.placement) for group in compared} == {
         ("cylinder on sphere", "sphere on cylinder")
     }
-    assert compared[0].over_trials.difference_percent == pytest.approx(9.9)
+    assert compared[0].over_trials.difference_percent == pytest.approx(-9.9)
     assert compare_placements(run, trials_of(ONE)) == ()

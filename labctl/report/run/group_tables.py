@@ -16,21 +16,26 @@ from labctl.statistics.intervals import Interval
 from labctl.statistics.tables import table_iii
 
 COMPARISON_NOTE = (
-    "Differences are the other's e_t less the first one's, in percentage points: above 0, the other is further from "
-    "its simulation. Over trials: the difference of the mean e_t with Welch's 95 % t interval, as if of very many "
-    "trials of these same sheets. Over points: the mean difference of |r − s|, each measuring point paired with "
-    "itself; neighbouring points move together, so that this interval is narrower than it should be, and it does not "
+    "Every difference is the first less the second. Those of e_t are in percentage points: above 0, the first is "
+    "further from its simulation; as each side is normalised by its own greatest height, a sheet that rises half as "
+    "high everywhere does not show in them, and does in the heights, in mm. Over trials: the difference of the means "
+    "with Welch's 95 % t interval, as if of very many trials of these same sheets; of the heights, over the points "
+    "that every trial saw. Over points: the mean difference of |r − s|, each measuring point paired with itself; "
+    "neighbouring points move together, so that this interval is narrower than it should be, and it does not "
     "distinguish trial from trial."
 )
 _HEAD = (
-    "one",
-    "other",
-    "over trials",
+    "first",
+    "second",
+    "e_t over trials",
     "95 % interval",
     "p (Welch)",
-    "over points",
+    "e_t over points",
     "95 % interval",
     "p (Wilcoxon)",
+    "heights, mm",
+    "95 % interval",
+    "greatest, mm",
 )
 
 
@@ -71,14 +76,14 @@ def side_by_side_table(views: Sequence[RunView]) -> Table:
 
 
 def comparison_table(views: Sequence[RunView]) -> Table:
-    """Every run against the first, group by group; empty where no group has its like."""
-    rows = [_row(each, of_runs=True) for compared in _compared(views) for each in compared.groups]
+    """The first run less each other one, group by group; empty where no group has its like."""
+    rows = [_row(each, of_runs=True) for compared in compared_views(views) for each in compared.groups]
     return Table(_HEAD, tuple(rows))
 
 
 def format_unmatched(views: Sequence[RunView]) -> str:
     """The groups that were compared with none, having no like; "" where there is none."""
-    comparisons = _compared(views)
+    comparisons = compared_views(views)
     matched = {
         name for compared in comparisons for each in compared.groups for name in (each.one, each.other)
     }
@@ -88,7 +93,8 @@ def format_unmatched(views: Sequence[RunView]) -> str:
     return f"Not compared, having no like: {'; '.join(name.describe() for name in alone)}." if alone else ""
 
 
-def _compared(views: Sequence[RunView]) -> list[RunComparison]:
+def compared_views(views: Sequence[RunView]) -> list[RunComparison]:
+    """The first run compared with each other one."""
     first = views[0]
     return [compare_runs(first.run, first.trials, other.run, other.trials) for other in views[1:]]
 
@@ -109,7 +115,7 @@ def published_layout(view: RunView) -> Table:
 
 
 def _row(compared: GroupComparison, *, of_runs: bool) -> tuple[str, ...]:
-    trials, points = compared.over_trials, compared.over_points
+    trials, points, heights = compared.over_trials, compared.over_points, compared.heights
     return (
         _name(compared.one, of_runs=of_runs),
         _name(compared.other, of_runs=of_runs),
@@ -119,6 +125,9 @@ def _row(compared: GroupComparison, *, of_runs: bool) -> tuple[str, ...]:
         NONE if points is None else signed(points.difference_percent, 2),
         NONE if points is None else _interval(points.bootstrap),
         NONE if points is None else _p(points.wilcoxon_p),
+        NONE if heights is None else signed(heights.mean_difference_mm, 2),
+        NONE if heights is None else _interval(heights.welch),
+        NONE if heights is None else "\u00a0less\u00a0".join(f"{each:.2f}" for each in heights.greatest_mm),
     )
 
 

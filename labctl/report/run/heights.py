@@ -4,27 +4,18 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from labctl.config.rig import MarkerPoint
-from labctl.report.run.sheet_faces import MEASURED, draw_disc
+from labctl.report.run.difference_map import FEW_POINTS, HEIGHT_IN, difference_map
+from labctl.report.run.sheet_faces import MEASURED
 from labctl.statistics.summary import Group
 
 SIMULATED = "#1d2329"
 TRIAL = "#56b4e9"
-# Orange and purple, apart for everybody; white where the two are equal.
-_DIFFERENCE_COLOURS = "PuOr_r"
 _LEAST_DIFFERENCE_PERCENT = 1.0
-# A map whose scale ends below this shows tenths.
-_FINE_PERCENT = 3.0
-_HEIGHT_IN = 7.0
 _LEAST_WIDTH_IN, _MOST_WIDTH_IN, _POINT_IN = 8.0, 16.0, 0.22
-# More points than these have smaller, upright ids.
-_FEW_POINTS = 24
 
 
 def heights_figure(
@@ -36,23 +27,27 @@ def heights_figure(
     have a grey id and nothing over it.
     """
     order = point_order(group)
-    width_in = float(np.clip(2.0 + _POINT_IN * len(points), _LEAST_WIDTH_IN, _MOST_WIDTH_IN))
-    figure = Figure(figsize=(width_in, _HEIGHT_IN), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = points_axes([points[each].id for each in order], numbers(group.heights_mean_mm)[order])
     at = np.arange(len(points))
-    _draw_simulated(axes, at, simulated_heights_mm(group)[order])
+    draw_simulated(axes, at, simulated_heights_mm(group)[order])
     _draw_measured(axes, at, group, order, trials_mm)
-    axes.axhline(0, color="#8c8c8c", linewidth=1.0, zorder=1)
-    few = len(points) <= _FEW_POINTS
-    axes.set_xticks(at, [str(points[each].id) for each in order])
-    axes.tick_params(axis="x", labelsize=13 if few else 10, rotation=0 if few else 90)
-    _grey_unseen(axes, numbers(group.heights_mean_mm)[order])
-    axes.set(
-        xlim=(-0.7, len(points) - 0.3), xlabel="marker id", ylabel="height above the uninflated sheet, mm"
-    )
-    axes.grid(axis="y", alpha=0.3)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
     return figure
+
+
+def points_axes(ids: Sequence[int], seen_mm: NDArray[np.float64]) -> tuple[Figure, Axes]:
+    """Axes with the m markers' ids side by side, to draw heights in mm over; grey ones where `seen_mm` is NaN."""
+    width_in = float(np.clip(2.0 + _POINT_IN * len(ids), _LEAST_WIDTH_IN, _MOST_WIDTH_IN))
+    figure = Figure(figsize=(width_in, HEIGHT_IN), layout="constrained")
+    axes = figure.subplots()
+    axes.axhline(0, color="#8c8c8c", linewidth=1.0, zorder=1)
+    few = len(ids) <= FEW_POINTS
+    axes.set_xticks(np.arange(len(ids)), [str(each) for each in ids])
+    axes.tick_params(axis="x", labelsize=13 if few else 10, rotation=0 if few else 90)
+    _grey_unseen(axes, seen_mm)
+    axes.set(xlim=(-0.7, len(ids) - 0.3), xlabel="marker id", ylabel="height above the uninflated sheet, mm")
+    axes.grid(axis="y", alpha=0.3)
+    return figure, axes
 
 
 def difference_figure(group: Group, points: Sequence[MarkerPoint], diameter_mm: float) -> Figure:
@@ -61,20 +56,13 @@ def difference_figure(group: Group, points: Sequence[MarkerPoint], diameter_mm: 
     Each side is normalised by its own greatest height over the points that have both, as e_t is.
     Source: Parsa et al., RoboSoft 2023, equation 2.
     """
-    figure = Figure(figsize=(8.0, _HEIGHT_IN), layout="constrained")
-    axes = figure.subplots()
-    draw_disc(axes, diameter_mm)
-    percent = signed_difference_percent(group)
-    most = max(_LEAST_DIFFERENCE_PERCENT, float(np.nanmax(np.abs(percent), initial=0.0)))
-    norm = Normalize(-most, most)
-    few = len(points) <= _FEW_POINTS
-    mappable = ScalarMappable(norm, _DIFFERENCE_COLOURS)
-    for point, value in zip(points, percent, strict=True):
-        _draw_difference(axes, point, float(value), mappable, size=30.0 if few else 20.0, few=few)
-    figure.colorbar(mappable, ax=axes, label="measured less simulated, % of the greatest", pad=0.02)
-    if not np.isfinite(percent).all():
-        axes.legend(handles=[_unseen_handle()], loc="lower left", frameon=False, fontsize=13)
-    return figure
+    return difference_map(
+        points,
+        signed_difference_percent(group),
+        diameter_mm,
+        label="measured less simulated, % of the greatest",
+        least=_LEAST_DIFFERENCE_PERCENT,
+    )
 
 
 def point_order(group: Group) -> NDArray[np.int64]:
@@ -106,17 +94,24 @@ def numbers(values: Sequence[float | None]) -> NDArray[np.float64]:
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
-def _draw_simulated(axes: Axes, at: NDArray[np.int64], simulated_mm: NDArray[np.float64]) -> None:
+def draw_simulated(
+    axes: Axes,
+    at: NDArray[np.number],
+    simulated_mm: NDArray[np.float64],
+    label: str = "simulated",
+    color: str = SIMULATED,
+) -> None:
+    """The simulated heights over their places, dashed; nothing where there are none."""
     if np.isfinite(simulated_mm).any():
         axes.plot(
             at,
             simulated_mm,
             "D--",
-            color=SIMULATED,
+            color=color,
             markerfacecolor="white",
             markersize=8,
             linewidth=1.2,
-            label="simulated",
+            label=label,
             zorder=3,
         )
 
@@ -154,32 +149,3 @@ def _grey_unseen(axes: Axes, mean_mm: NDArray[np.float64]) -> None:
     for label, height_mm in zip(axes.get_xticklabels(), mean_mm, strict=True):
         if np.isnan(height_mm):
             label.set_color("#a0a5aa")
-
-
-def _draw_difference(
-    axes: Axes, point: MarkerPoint, percent: float, mappable: ScalarMappable, size: float, few: bool
-) -> None:
-    place = (point.x_mm, point.y_mm)
-    if np.isnan(percent):
-        axes.plot(*place, "o", markersize=size * 0.8, fillstyle="none", color="#8c8c8c", linestyle="none")
-        axes.plot(*place, "x", markersize=size * 0.4, color="#8c8c8c")
-        return
-    colour = mappable.to_rgba(np.array([percent]))[0]
-    axes.plot(*place, "o", markersize=size, color=colour, markeredgecolor="#1d2329", zorder=5)
-    if few:
-        light = float(np.dot(colour[:3], (0.3, 0.59, 0.11))) > 0.5
-        decimals = 1 if mappable.get_clim()[1] < _FINE_PERCENT else 0
-        text = f"{percent:+.{decimals}f}".replace("-", "\u2212") if round(percent, decimals) else "0"
-        axes.annotate(
-            text,
-            place,
-            ha="center",
-            va="center_baseline",
-            fontsize=13 if len(text) < 4 else 11,
-            color="black" if light else "white",
-            zorder=6,
-        )
-
-
-def _unseen_handle() -> Line2D:
-    return Line2D([], [], linestyle="none", marker="x", markersize=10, color="#8c8c8c", label="not compared")

@@ -24,7 +24,7 @@ from labctl.report.run.provenance import (
     provenance,
     rig_text,
 )
-from labctl.report.run.sections import Section, sections
+from labctl.report.run.sections import Section, compared_sections, sections
 from labctl.report.run.text import glance, groups_table, headline, title, unfinished
 from labctl.report.run.view import RunView
 
@@ -100,6 +100,7 @@ def run_page(views: Sequence[RunView]) -> str:
             comparisons=comparison_table(views),
             comparison_note=COMPARISON_NOTE,
             unmatched=format_unmatched(views),
+            overlays=[_section(section) for section in compared_sections(views)],
         )
 
 

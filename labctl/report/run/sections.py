@@ -1,6 +1,6 @@
 """What a run's page shows, part by part; a part that the run has nothing for is left out."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from matplotlib.figure import Figure
@@ -9,8 +9,14 @@ from labctl.config.design import Design, Face
 from labctl.errors import BadInput
 from labctl.report.page import Table
 from labctl.report.run.errors import errors_figure
-from labctl.report.run.group_tables import COMPARISON_NOTE, placements_table, published_layout
+from labctl.report.run.group_tables import (
+    COMPARISON_NOTE,
+    compared_views,
+    placements_table,
+    published_layout,
+)
 from labctl.report.run.heights import difference_figure, heights_figure, signed_difference_percent
+from labctl.report.run.overlay import apart_figure, heights_table, overlay_figure
 from labctl.report.run.pressures import pressure_figures
 from labctl.report.run.relaxation import relaxation_figure
 from labctl.report.run.sheet_faces import face_figure
@@ -22,8 +28,10 @@ from labctl.report.run.text import (
     left_out,
     name,
     points_table,
+    signed,
 )
 from labctl.report.run.view import RunView
+from labctl.statistics.group_differences import GroupComparison, compare_placements
 from labctl.statistics.summary import Group
 
 _FACES: tuple[Face, ...] = ("top", "bottom")
@@ -101,6 +109,56 @@ def _placements(view: RunView) -> Iterator[Section]:
     if compared.rows:
         tables.append(("Against each other", compared))
     yield Section("Fiber placements", tables=tuple(tables), caption=COMPARISON_NOTE if compared.rows else "")
+    for each in compare_placements(view.run, view.trials):
+        names = (name(each.one.placement), name(each.other.placement))
+        called = f"{name(each.one.pattern)} at {each.one.pressure_psi:.2f}\u00a0psi"
+        yield from heights_over_one_another(each, (view, view), names, called)
+
+
+def compared_sections(views: Sequence[RunView]) -> Iterator[Section]:
+    """The heights of the first run over those of each other one, group by group."""
+    first = views[0]
+    for other, compared in zip(views[1:], compared_views(views), strict=True):
+        names = (f"run {first.run.number}", f"run {other.run.number}")
+        if names[0] == names[1]:
+            names = (f"{names[0]}, first", f"{names[1]}, second")
+        for each in compared.groups:
+            called = f"{each.one.describe()}; {each.other.describe()}"
+            yield from heights_over_one_another(each, (first, other), names, called)
+
+
+def heights_over_one_another(
+    compared: GroupComparison, views: tuple[RunView, RunView], names: tuple[str, str], called: str
+) -> Iterator[Section]:
+    """Two groups' heights over one another and where they differ; nothing where no point has both."""
+    heights = compared.heights
+    if heights is None:
+        return
+    one, other = compared.one, compared.other
+    simulated_mm = (
+        views[0].run.basis(one.pattern).simulated_mm.get(one.pressure_psi, ()),
+        views[1].run.basis(other.pattern).simulated_mm.get(other.pressure_psi, ()),
+    )
+    mean, rms = signed(heights.mean_difference_mm, 2), f"{heights.rms_difference_mm:.2f}"
+    over = f"over the {heights.compared} points that both saw"
+    yield Section(
+        f"{names[0][:1].upper()}{names[0][1:]} less {names[1]}: {called}",
+        (f"Heights differ by {mean}\u00a0mm on average, {rms}\u00a0mm root mean square, {over}.",),
+        (
+            Shown(
+                overlay_figure(heights, names, simulated_mm),
+                f"Measured heights of both: {called}",
+                "Points in the order of their simulated, else the first's measured, heights. Bars are one standard "
+                "deviation over the trials either way. A grey id: not seen by both.",
+            ),
+            Shown(
+                apart_figure(heights, views[0].points, _diameter_mm(views[0])),
+                f"Where the heights differ: {called}",
+                "The first's mean height less the second's, in mm; orange is higher, purple lower.",
+            ),
+        ),
+        folded=((f"The {len(heights.points)} points as a table", heights_table(heights, names)),),
+    )
 
 
 def _heights(view: RunView) -> Iterator[Section]:
@@ -120,11 +178,10 @@ def _heights(view: RunView) -> Iterator[Section]:
                 _heights_caption(group),
             )
         ]
-        diameter_mm = _SHEET_MM if view.design is None else view.design.sheet.diameter_mm
         if any(abs(value) >= 0 for value in signed_difference_percent(group)):
             shown.append(
                 Shown(
-                    difference_figure(group, view.points, diameter_mm),
+                    difference_figure(group, view.points, _diameter_mm(view)),
                     f"Where measured and simulated heights differ: {called}",
                     "Where it is off: measured less simulated mean height, each side in percent of its own greatest, "
                     "as in e_t; orange is too high, purple too low.",
@@ -136,6 +193,10 @@ def _heights(view: RunView) -> Iterator[Section]:
             tuple(shown),
             folded=((f"The {len(view.points)} points as a table", points_table(view, group)),),
         )
+
+
+def _diameter_mm(view: RunView) -> float:
+    return _SHEET_MM if view.design is None else view.design.sheet.diameter_mm
 
 
 def _heights_caption(group: Group) -> str:

@@ -237,9 +237,9 @@ def points_table(view: RunView, group: Group) -> Table:
             str(point.id),
             f"{point.x_mm:g}",
             f"{point.y_mm:g}",
-            _mean_of(measured, sd, 2),
-            _number(simulated),
-            _mean_of(error, error_sd, 1),
+            mean_of(measured, sd, 2),
+            number(simulated),
+            mean_of(error, error_sd, 1),
         )
         for point, measured, sd, simulated, error, error_sd in zip(
             view.points,
@@ -321,11 +321,13 @@ def _e_t(group: Group) -> float:
     return math.nan if group.e_t_mean_percent is None else group.e_t_mean_percent
 
 
-def _number(value: float | None) -> str:
+def number(value: float | None) -> str:
+    """A number with two decimals."""
     return NONE if value is None else f"{value:.2f}"
 
 
-def _mean_of(mean: float | None, sd: float | None, decimals: int) -> str:
+def mean_of(mean: float | None, sd: float | None, decimals: int) -> str:
+    """A mean with its standard deviation where there is one, without a unit."""
     if mean is None:
         return NONE
     return f"{mean:.{decimals}f}" if sd is None else f"{mean:.{decimals}f} ± {sd:.{decimals}f}"
