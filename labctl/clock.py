@@ -8,6 +8,7 @@ busy the machine is nor differ from run to run.
 import threading
 import time
 from collections.abc import Callable
+from contextvars import copy_context
 from types import TracebackType
 from typing import Protocol
 
@@ -158,7 +159,8 @@ class _WallLock:
 
 class _WallThread:
     def __init__(self, run: Callable[[], None], name: str) -> None:
-        self._thread = threading.Thread(target=run, name=name, daemon=True)
+        # What a command line noted for the texts that it prints holds for its threads.
+        self._thread = threading.Thread(target=copy_context().run, args=(run,), name=name, daemon=True)
         self._thread.start()
 
     def is_alive(self) -> bool:

@@ -7,6 +7,8 @@ machine is nor differs from run to run. The threads are greenlets of the test's 
 import heapq
 import itertools
 from collections import deque
+from contextvars import copy_context
+from functools import partial
 
 from greenlet import getcurrent, greenlet
 
@@ -163,7 +165,8 @@ class VirtualThread:
         self._time = time
         self._ended = time.event()
         waiter = _Waiter(greenlet(self._run, parent=time._hub))
-        self._do = run
+        # As the machine's own threads: see labctl.clock.
+        self._do = partial(copy_context().run, run)
         time.wake(waiter)
 
     def is_alive(self):

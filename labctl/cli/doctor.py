@@ -11,6 +11,7 @@ import click
 from labctl.cli.options import json_option, rig_option
 from labctl.cli.output import ProgressLine, banner, emit_json, unit_json
 from labctl.cli.rigs import chosen_rig
+from labctl.next_command import next_command
 
 if TYPE_CHECKING:
     from labctl.config.rig import RigConfig
@@ -50,7 +51,7 @@ def doctor(rig_path: Path | None, as_json: bool) -> int:
     from labctl.cli.outcome import Outcome
 
     with (
-        stop_on_signals() as stop,
+        stop_on_signals("stopping; this command energises nothing") as stop,
         ProgressLine(quiet=True) as line,
         chosen_rig(rig_path, "known", stop, line.notify) as config,
     ):
@@ -173,17 +174,18 @@ def _gauge_zero(config: "RigConfig", platform: "Platform") -> list[Finding]:
     if state.vented_by is not None:
         # A zero that is off is one of them.
         verdict = "fault" if problem is not None and setpoint_is_0 else "unknown"
-        text = f"{'; '.join(state.problems)}. labctl vent takes the rig to SAFE and looks"
+        text = f"{'; '.join(state.problems)}. {next_command('vent')} takes the rig to SAFE and looks"
         return [Finding("gauge zero", verdict, text)]
     if problem is not None and setpoint_is_0:
         text = (
             f"{reading.gauge_psi:.2f} psi at setpoint 0, not 0 +- {limits.zero_within_psi:g} psi: pressure is left, "
-            "or the gauge's zero is off. labctl vent opens the way out and looks; if it reads so then too, tare"
+            f"or the gauge's zero is off. {next_command('vent')} opens the way out and looks; if it reads so then "
+            f"too: {next_command('tare')}"
         )
         return [Finding("gauge zero", "fault", text)]
     text = (
         "the way out is not open: a regulator in control steers its own reading to its setpoint, true or not. "
-        "labctl vent opens it and looks; so does every run before it energises anything"
+        f"{next_command('vent')} opens it and looks; so does every run before it energises anything"
     )
     return [Finding("gauge zero", "unknown", text)]
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 from labctl.cli.outcome import Outcome
 from labctl.cli.vented import VentedRig
 from labctl.errors import BadInput, LabError, NoAnswer
+from labctl.next_command import next_command
 
 if TYPE_CHECKING:
     from labctl.holder.interfaces import Conversation, Held
@@ -63,7 +64,7 @@ def one_held_rig(found: Sequence["Held"], rig_path: Path | None, what: str) -> "
     """
     if not found:
         which = "a rig" if rig_path is None else f"the rig of {rig_path}"
-        raise BadInput(f"no labctl of yours holds {which} now; labctl runs lists what has run")
+        raise BadInput(f"no labctl of yours holds {which} now")
     if len(found) > 1:
         listed = "; ".join(f"{held.entry.holder.source}: {held.entry.holder.describe()}" for held in found)
         raise BadInput(f"{len(found)} rigs are held ({listed}); {what}")
@@ -167,11 +168,11 @@ def silent(held: "Held") -> str:
     if holder.kind == "guard":
         return (
             f"{holder.rig_name} is being taken to SAFE by {holder.describe()}; it reports there and in the system "
-            "log. Wait for it, or type labctl vent, which waits and then looks"
+            f"log. Wait for it, or type {next_command('vent')}, which waits and then looks"
         )
     return (
         f"{holder.rig_name} is held by {holder.describe()}, which does not answer: it is busy, stopped or hangs. "
-        "labctl vent ends it and takes the rig to SAFE"
+        f"{next_command('vent')} ends it and takes the rig to SAFE"
     )
 
 

@@ -10,7 +10,16 @@ import click
 from click.core import ParameterSource
 
 from labctl.cli.options import design_option, json_option, ledger_option, rig_option
-from labctl.cli.output import banner, counted, emit_json, number, table, unit_json, unit_line
+from labctl.cli.output import (
+    banner,
+    counted,
+    emit_json,
+    number,
+    print_look_at_it,
+    table,
+    unit_json,
+    unit_line,
+)
 from labctl.errors import BadInput, LabError
 
 if TYPE_CHECKING:
@@ -68,7 +77,7 @@ def inflate(
         return
     _for_people(finished)
     if keep:
-        click.echo(f"look at it: labctl show {finished.run.number}, labctl report {finished.run.number}")
+        print_look_at_it(finished.run.number)
 
 
 def _measure(
@@ -83,7 +92,7 @@ def _measure(
     ledger = temporary_ledger() if kept_in is None else nullcontext(kept_in)
     try:
         with open_session(ledger, options) as session:
-            return measure(prepared, design_name, options, session, quiet=True)
+            return measure(prepared, design_name, options, session, quiet=True, kept=kept_in is not None)
     except RunFailed as failed:
         if kept_in is not None:
             raise

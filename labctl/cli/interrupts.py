@@ -3,20 +3,22 @@
 import os
 import select
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
 from labctl.stop import OperatorStop
 
+TO_SAFE = "taking the rig to SAFE"
+
 
 @contextmanager
-def stop_on_signals(doing: str | None = "taking the rig to SAFE") -> Iterator[OperatorStop]:
+def stop_on_signals(doing: str | Callable[[], str] | None = TO_SAFE) -> Iterator[OperatorStop]:
     """While inside, signals only set the request: nothing in progress is torn apart.
 
     The request is looked at between any two steps, so a stop takes effect within one exchange with an
     instrument; more signals change nothing, because the way to SAFE is already the shortest. `doing` is what is
-    printed on the first one, None where nobody reads it.
+    printed on the first one, or says it (looking at nothing that has to be waited for); None where nobody reads it.
     """
     stop = OperatorStop()
 
@@ -25,7 +27,8 @@ def stop_on_signals(doing: str | None = "taking the rig to SAFE") -> Iterator[Op
         again = stop.requested
         stop.set(name)
         if doing is not None:
-            _print_from_handler(f"still {doing}" if again else f"{name}: {doing}")
+            words = doing if isinstance(doing, str) else doing()
+            _print_from_handler(f"still {words}" if again else f"{name}: {words}")
 
     before = {
         number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -17,6 +17,7 @@ from labctl.cli.log_options import add_log_options
 from labctl.cli.outcome import Outcome
 from labctl.cli.output import SIMULATED
 from labctl.errors import LabError
+from labctl.next_command import noting
 
 if TYPE_CHECKING:
     from labctl.rig.platform import Platform
@@ -101,6 +102,11 @@ def run(arguments: Sequence[str], platform: "Platform | None" = None) -> int:
 
     `platform` is what rigs are opened on; this machine where it is None.
     """
+    with noting():
+        return _run(arguments, platform)
+
+
+def _run(arguments: Sequence[str], platform: "Platform | None") -> int:
     _open_missing_streams()
     as_json = "--json" in arguments
     outcome = Outcome(platform)

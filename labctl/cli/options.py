@@ -5,8 +5,17 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from labctl.cli.non_empty_path import NonEmptyPath
+from labctl.next_command import note_given
+
+
+def _noted(ctx: click.Context, option: click.Parameter, path: Path | None) -> Path | None:
+    """Note what was typed, for the commands to type next; the environment's is theirs anyway."""
+    if option.name is not None and ctx.get_parameter_source(option.name) is ParameterSource.COMMANDLINE:
+        note_given(option.opts[0], path)
+    return path
 
 
 def rig_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -15,6 +24,7 @@ def rig_option(command: Callable[..., Any]) -> Callable[..., Any]:
         "--rig",
         "rig_path",
         type=NonEmptyPath(),
+        callback=_noted,
         help="The rig's configuration, rig.toml. Without it: doubles, started for this command.",
     )(command)
 
@@ -25,6 +35,7 @@ def held_rig_option(command: Callable[..., Any]) -> Callable[..., Any]:
         "--rig",
         "rig_path",
         type=NonEmptyPath(),
+        callback=_noted,
         help="The rig's configuration, rig.toml. Without it: what commands of yours hold.",
     )(command)
 
@@ -57,5 +68,6 @@ def ledger_option(command: Callable[..., Any]) -> Callable[..., Any]:
         show_default=True,
         envvar="LABCTL_LEDGER",
         show_envvar=True,
+        callback=_noted,
         help="The ledger's folder.",
     )(command)

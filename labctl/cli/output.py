@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from labctl.next_command import next_command
 from labctl.nonblocking_output import NonBlockingOutput
 from labctl.plain_json import to_json
 
@@ -56,6 +57,13 @@ def number(value: float, decimals: int = 2) -> str:
 def counted(number: int, noun: str) -> str:
     """How many there are, as text: "1 trial", "2 trials"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def print_look_at_it(run: int) -> None:
+    """Print how a run is looked at, a command a line."""
+    click.echo("look at it:")
+    for name in ("show", "report"):
+        click.echo(f"  {next_command(name, run)}")
 
 
 class ProgressLine:

@@ -33,7 +33,10 @@ def status(rig_path: Path | None, as_json: bool) -> None:
     from labctl.cli.interrupts import stop_on_signals
     from labctl.holder.interfaces import RigHeld
 
-    with stop_on_signals() as stop, ProgressLine(quiet=True) as line:
+    with (
+        stop_on_signals("stopping; this command energises nothing") as stop,
+        ProgressLine(quiet=True) as line,
+    ):
         found = held_rigs(rig_path)
         if not found:
             try:

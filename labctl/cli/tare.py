@@ -11,6 +11,7 @@ from click.core import ParameterSource
 from labctl.cli.options import json_option, ledger_option, rig_option
 from labctl.cli.output import ProgressLine, banner, emit_json
 from labctl.cli.rigs import chosen_rig
+from labctl.next_command import next_command
 
 if TYPE_CHECKING:
     from labctl.config.rig import RigConfig
@@ -59,7 +60,7 @@ def tare(ctx: click.Context, rig_path: Path | None, ledger_folder: Path, as_json
         f"{tared.after_psi:z.2f} psi now, with setpoint 0 and the way out open"
     )
     if writer is not None:
-        click.echo(f"recorded in {ledger_folder} (labctl runs lists it)")
+        click.echo(f"recorded in {ledger_folder} ({next_command('runs')} lists it)")
 
 
 def _tare(config: "RigConfig", stop: "StopRequest") -> tuple["Tared", dict[str, Any]]:
@@ -118,7 +119,8 @@ def _after_the_command(config: "RigConfig", tared: "Tared") -> "LabError":
     kind = Stopped if isinstance(tared.error, Stopped) else InstrumentError
     return kind(
         f"{config.name}: the tare was commanded: {config.regulator.name} read {tared.before_psi:z.2f} psi before it "
-        f"and {after}; then: {tared.error}. Look at its display and at labctl doctor before anything is held by it"
+        f"and {after}; then: {tared.error}. Look at its display and at {next_command('doctor')} before anything is "
+        "held by it"
     )
 
 

@@ -11,6 +11,7 @@ import click
 from labctl.cli.options import held_rig_option
 from labctl.cli.output import SIMULATED
 from labctl.errors import NoAnswer
+from labctl.next_command import next_command
 from labctl.plain_json import to_json
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ class _Lines:
             holder = self._held.entry.holder
             self._new_line()
             click.echo(
-                f"labctl: process {holder.pid} let go of the rig and had told nothing: see labctl status",
+                f"labctl: process {holder.pid} let go of the rig and had told nothing: see {next_command('status')}",
                 err=True,
             )
             return 1

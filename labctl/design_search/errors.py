@@ -8,8 +8,10 @@ from labctl.errors import BadInput, LabError
 
 
 @contextmanager
-def lab_errors() -> Iterator[None]:
+def lab_errors(then: str = "") -> Iterator[None]:
     """Turn what `evolve` raises while inside into errors that a command can end with.
+
+    `then` ends the message of a file that could not be written: what to do.
 
     Raises:
         BadInput: something given cannot be used.
@@ -24,6 +26,5 @@ def lab_errors() -> Iterator[None]:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         raise LabError(
-            f"{where}could not be written ({error.strerror or error}); what was kept before is still there: make "
-            "room, then labctl evolve --resume"
+            f"{where}could not be written ({error.strerror or error}); what was kept before is still there{then}"
         ) from error

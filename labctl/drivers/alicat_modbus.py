@@ -24,6 +24,7 @@ from labctl.errors import BadInput, GarbledReply, InstrumentRefused, ReadBackMis
 from labctl.instruments.readings import Identity, PressureReading
 from labctl.links.deadline import Deadline
 from labctl.links.interfaces import RegisterLink
+from labctl.next_command import next_command
 
 COMMAND = 999
 COMMAND_STATUS = 1000
@@ -273,8 +274,8 @@ class AlicatModbus:
             raise Unproven(
                 f"{self.name}: the registers read {_hexadecimal(words)}, which is a reading with the words "
                 f"{' and with the words '.join(self._proof.possible)}: which of them it is must be known before a "
-                "setpoint is written; run labctl vent, which opens the exhaust and so sets a status bit that tells, "
-                "or let the gauge read something other than 0"
+                f"setpoint is written; run {next_command('vent')}, which opens the exhaust and so sets a status "
+                "bit that tells, or let the gauge read something other than 0"
             )
 
     def _words(self, deadline: Deadline) -> tuple[int, ...]:

@@ -8,6 +8,7 @@ import pandas as pd
 from labctl.errors import LabError
 from labctl.instruments.readings import PressureSamples
 from labctl.ledger.records import RunRecord, TrialRecord
+from labctl.next_command import next_command
 from labctl.statistics.summary import good_trials
 from labctl.statistics.tables import calibration_table, points_table, trials_table
 
@@ -117,7 +118,7 @@ def _pressures(
         except LabError as error:
             raise LabError(
                 f"run {run.number}, trial {trial.number}, attempt {trial.attempt}: {error}; "
-                f"labctl verify {run.number} lists which files are undamaged"
+                f"{next_command('verify', run.number)} lists which files are undamaged"
             ) from error
         parts.append(
             pd.DataFrame(

@@ -5,6 +5,7 @@ from typing import Any, Literal, Protocol
 
 from labctl.errors import RigUnavailable
 from labctl.holder.records import Ask, Entry, Holder, Request, RigState
+from labctl.next_command import next_command
 
 
 class Answerer(Protocol):
@@ -106,7 +107,8 @@ class RigHeld(RigUnavailable):
     def __init__(self, held: Held) -> None:
         holder = held.entry.holder
         super().__init__(
-            f"{holder.rig_name} is held by {holder.describe()}. Nothing was touched. labctl watch shows what it "
-            "does, labctl vent ends that and takes the rig to SAFE, also where that process has stopped"
+            f"{holder.rig_name} is held by {holder.describe()}. Nothing was touched. {next_command('watch')} shows "
+            f"what it does, {next_command('vent')} ends that and takes the rig to SAFE, also where that process has "
+            "stopped"
         )
         self.held = held

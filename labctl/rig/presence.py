@@ -64,6 +64,11 @@ class Presence:
         self._venting = False
         self._on_the_way = False
 
+    @property
+    def may_be_open(self) -> bool:
+        """Whether the command has a port open, or may be opening one."""
+        return self._phase != "closed"
+
     def show(self, step: str, detail: str = "") -> None:
         """What the command does now."""
         self._steps = (step, detail)

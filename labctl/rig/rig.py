@@ -14,6 +14,7 @@ from labctl.clock import Clock, rig_clock
 from labctl.config.rig import RigConfig
 from labctl.errors import InstrumentError, Stopped, Unsafe
 from labctl.instruments.readings import MarkerFrames, PressureReading, in_band
+from labctl.next_command import next_command
 from labctl.rig.instruments import RigInstruments
 from labctl.rig.platform import SYSTEM, Platform
 from labctl.rig.recorder import Recorder, errors_to_recorder
@@ -390,7 +391,7 @@ class Rig:
             raise InstrumentError(
                 f"{self.config.regulator.name} reads {zero_psi:.2f} psi at 0, so that {setpoint_psi:g} psi on it are "
                 f"{setpoint_psi - zero_psi:.2f} psi in the sheet, above limits.max_pressure = "
-                f"{limits.max_pressure_psi:g} psi; tare the gauge (labctl tare --rig FILE), or hold less"
+                f"{limits.max_pressure_psi:g} psi; tare the gauge ({next_command('tare')}), or hold less"
             )
 
     def _require_witness(self) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from labctl.clock import Scheduler
 from labctl.config.rig import Limits
 from labctl.errors import RigUnavailable
+from labctl.next_command import next_command
 from labctl.safety.priority import Priority
 
 LOOK_FOR_S = 1.0
@@ -46,7 +47,7 @@ def refuse_late(worst_s: float, limits: Limits, notify: Callable[[str], None]) -
         RigUnavailable: it was woken later than `limits.max_lateness_s`.
     """
     late = f"this computer woke a sleeping program up to {1e3 * worst_s:.0f} ms late within {LOOK_FOR_S:g} s"
-    what_to_do = "end other programs on it, and see what labctl doctor says of real-time priority"
+    what_to_do = f"end other programs on it, and see what {next_command('doctor')} says of real-time priority"
     if worst_s > limits.max_lateness_s:
         raise RigUnavailable(
             f"{late}, above the limit of {1e3 * limits.max_lateness_s:g} ms (rig.toml, limits.max_lateness): the rig "

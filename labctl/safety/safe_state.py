@@ -13,6 +13,7 @@ from labctl.clock import Clock, Scheduler
 from labctl.config.rig import Limits
 from labctl.instruments.interfaces import PressureRegulator, ValveBank
 from labctl.instruments.readings import PressureReading, PressureSample, in_band
+from labctl.next_command import next_command
 from labctl.safety.zero import wait_for_zero, zero_problem
 
 # Two decimals is what an Alicat frame carries; half of the last one is rounding, not a setpoint.
@@ -53,7 +54,10 @@ class SafeReport:
                 f"{'; '.join(self.problems)}"
             )
         if not self.safe:
-            return f"UNSAFE: {'; '.join(self.problems)}. Close the supply, vent by hand, then run labctl vent"
+            return (
+                f"UNSAFE: {'; '.join(self.problems)}. Close the supply, vent by hand, then run "
+                f"{next_command('vent')}"
+            )
         return (
             f"SAFE, as read back: setpoint {self.setpoint_psi:.2f} psi, {self.vented_by} open, "
             f"pressure {self.pressure_psi:z.2f} psi, every valve off"

@@ -15,6 +15,7 @@ import numpy as np
 from labctl.clock import Clock
 from labctl.config.rig import Limits, MarkersConfig
 from labctl.instruments.readings import MarkerFrames, PressureSample
+from labctl.next_command import next_command
 from labctl.safety.coming_to_rest import ComingToRest, Excess
 from labctl.safety.sheet_motion import FEWEST_MARKERS, Floats, MarkerStep, MarkerSteps, Pace
 from labctl.safety.still_gauge import LastDigit
@@ -64,7 +65,7 @@ class SheetWitness:
         return (
             f"{self._name}: {long} no frame with {FEWEST_MARKERS} markers or more came, and without them nobody "
             "measures the sheet. Possible causes: a marker server that stopped, a network that is down, markers "
-            "hidden or switched off (labctl doctor lists what is seen)"
+            f"hidden or switched off ({next_command('doctor')} lists what is seen)"
         )
 
     def judge(self, sample: PressureSample, expected: Expected) -> str | None:

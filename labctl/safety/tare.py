@@ -8,6 +8,7 @@ from labctl.config.rig import Limits
 from labctl.errors import InstrumentError, ReadBackMismatch
 from labctl.instruments.interfaces import PressureGauge, PressureRegulator, ValveBank
 from labctl.instruments.readings import PressureReading, in_band
+from labctl.next_command import next_command
 from labctl.safety.safe_state import SETPOINT_ZERO_PSI, judge
 from labctl.safety.zero import RestingGauge, no_gas_in, watch_gauge
 
@@ -135,7 +136,7 @@ def _require(
     if not at_rest and setpoint_is_0 and state.channels_on == frozenset():
         return
     reading_alone = at_rest and state.vented_by is not None and len(state.problems) == 1
-    advice = "" if reading_alone else ". Take the rig to SAFE first (labctl vent --rig FILE)"
+    advice = "" if reading_alone else f". Take the rig to SAFE first ({next_command('vent')})"
     raise InstrumentError(
         f"{regulator.name}: not tared, because it is not known that the pressure is 0: "
         f"{'; '.join(state.problems)}{advice}"

@@ -16,6 +16,7 @@ from labctl.clock import Clock
 from labctl.config.rig import Limits
 from labctl.instruments.interfaces import PressureRegulator
 from labctl.instruments.readings import PressureReading, in_band
+from labctl.next_command import next_command
 
 GaugeSection = Literal["regulator", "gauge"]
 
@@ -127,7 +128,7 @@ def zero_problem(gauge_psi: float, limits: Limits, *, section: GaugeSection = "r
     if section == "gauge":
         tare = "tare the gauge at its own panel, because labctl writes nothing to it"
     elif abs(gauge_psi) <= limits.tare_within_psi:
-        tare = "tare the gauge: labctl tare --rig FILE"
+        tare = f"tare the gauge: {next_command('tare')}"
     else:
         tare = (
             "tare the gauge at its own panel or have it repaired, because labctl tare takes away "

@@ -10,6 +10,7 @@ from labctl.errors import BadInput
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.records import RunRecord
 from labctl.ledger.writer import LedgerWriter
+from labctl.next_command import next_command
 from labctl.rig import Rig
 from labctl.session.catalogue import find_protocol, package_of
 from labctl.session.contract import Trial
@@ -56,7 +57,7 @@ def prepare_continuation(ledger: Ledger, name: str) -> PreparedRun:
     run = ledger.find(name)
     if any(event.kind == "finished" for event in ledger.events(run.number)):
         raise BadInput(
-            f"run {run.number} is finished; look at it with labctl show {run.number}, or start a new one"
+            f"run {run.number} is finished; look at it with {next_command('show', run.number)}, or start a new one"
         )
     design = design_from_text(run.design_text, run.design_source)
     return PreparedRun(find_protocol(run.protocol), run.request, design, run.design_text, run)

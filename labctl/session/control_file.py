@@ -11,6 +11,7 @@ from typing import Literal
 from labctl.atomic_files import atomic_file
 from labctl.clock import Clock
 from labctl.errors import BadInput, LabError
+from labctl.next_command import next_command
 
 ControlRequest = Literal["pause", "resume", "abort"]
 
@@ -25,7 +26,9 @@ def write_request(folder: Path, request: ControlRequest) -> None:
         BadInput: an abort was requested before, or the folder cannot be written to.
     """
     if request != "abort" and _read(folder / _FILE) == "abort":
-        raise BadInput(f"{folder}: the run is being aborted already; labctl runs shows how it ends")
+        raise BadInput(
+            f"{folder}: the run is being aborted already; {next_command('runs')} shows how it ends"
+        )
     with atomic_file(folder / _FILE) as path:
         path.write_text(json.dumps({"word": request}), encoding="utf-8")
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from labctl.errors import LabError, Stopped, Tripped, Unsafe
 from labctl.ledger.records import RunRecord, TrialRecord
 from labctl.ledger.writer import LedgerWriter
+from labctl.next_command import next_command
 from labctl.plain_json import to_json
 from labctl.rig import Rig
 from labctl.session.attempt import Attempt, RunContext, attempt
@@ -128,7 +129,7 @@ def _until_good(trial: Trial, tried: int, attempts: int, context: RunContext, ob
     count = "1 attempt" if attempts == 1 else f"{attempts} attempts"
     raise RunFailed(
         f"trial {trial.number} was not good in {count} (the last: {made.record.reason}); remove the cause, then "
-        f"continue with labctl run --continue {context.run.number}",
+        f"continue with {next_command('run', '--continue', context.run.number)}",
         made.record.reason,
     ) from made.error
 
@@ -153,7 +154,9 @@ def _pause_if_requested(context: RunContext, observer: RunObserver) -> None:
     if not context.stop.pause_requested:
         return
     write_event(context.ledger, context.run.number, "paused", {})
-    observer.notify("paused, the rig SAFE: labctl resume resumes the run, labctl abort or Ctrl-C ends it")
+    observer.notify(
+        f"paused, the rig SAFE: {next_command('resume')} resumes the run, {next_command('abort')} or Ctrl-C ends it"
+    )
     while context.stop.pause_requested:
         context.rig.wait(_PAUSE_LOOK_S * context.rig.config.speed)
     context.rig.check()

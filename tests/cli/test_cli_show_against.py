@@ -46,9 +46,7 @@ def said(capsys, *arguments, code=0):
 
 def test_the_placements_of_a_run_are_compared(folder, capsys):
     lines = said(capsys, "show", "2").out.splitlines()
-    at = lines.index(
-        "placements compared (first less second): e_t in percentage points, heights in mm"
-    )
+    at = lines.index("placements compared (first less second): e_t in percentage points, heights in mm")
     assert lines[at + 1 : at + 3] == [
         "run 2, cylinder on sphere, sphere at 3.9 psi",
         "  less run 2, sphere on cylinder, sphere at 3.9 psi",

@@ -21,6 +21,7 @@ from labctl.cli.evolve.show import pick, print_runs, show, stopped_before_the_pa
 from labctl.cli.interrupts import stop_on_signals
 from labctl.cli.options import design_option, json_option
 from labctl.errors import BadInput, Stopped
+from labctl.next_command import next_command
 from labctl.stop import StopRequest
 
 if TYPE_CHECKING:
@@ -55,13 +56,15 @@ def evolve(as_json: bool, **values: Any) -> None:  # noqa: ANN401 - click's valu
     from labctl.design_search.errors import lab_errors
     from sim.warm import compile_kernels
 
-    with stop_on_signals(doing="stopping at the last finished generation") as stop, lab_errors():
+    again = next_command("evolve", "--resume", "--out", options.out_path)
+    then = f": make room, then {again}"
+    with stop_on_signals(doing="stopping at the last finished generation") as stop, lab_errors(then):
         settings = _resumed_settings(options, options.out_path) if options.resume else _new_settings(options)
         physics = settings[0].problem.physics
         compile_kernels(_notify, physics.solver, physics.precision)
         # The workers first: a cluster that does not answer must leave no folder behind.
         with _pool(settings[0].problem, options) as pool:
-            _search(_planned_runs(options, options.out_path, settings), pool, stop, as_json)
+            _search(_planned_runs(options, options.out_path, settings), pool, stop, options.out_path, as_json)
     if stop.requested:
         raise stopped_before_the_page(options.out_path)
     print_runs(options.out_path, as_json, published=False)
@@ -145,7 +148,9 @@ def _pool(problem: "Problem", options: SearchOptions) -> "Pool":
     return Here(problem) if workers == 1 else Processes(problem, workers)
 
 
-def _search(planned: "list[PlannedRun]", pool: "Pool", stop: StopRequest, as_json: bool) -> None:
+def _search(
+    planned: "list[PlannedRun]", pool: "Pool", stop: StopRequest, out_path: Path, as_json: bool
+) -> None:
     from evolve.errors import SearchStopped
     from labctl.design_search.run_search import continue_run
 
@@ -159,7 +164,8 @@ def _search(planned: "list[PlannedRun]", pool: "Pool", stop: StopRequest, as_jso
                         raise SearchStopped
             except SearchStopped as error:
                 raise Stopped(
-                    "stopped; every finished generation is kept: continue with labctl evolve --resume --out ..."
+                    "stopped; every finished generation is kept: continue with "
+                    f"{next_command('evolve', '--resume', '--out', out_path)}"
                 ) from error
 
 

@@ -12,6 +12,7 @@ from labctl.cli.non_empty_path import NonEmptyPath
 from labctl.cli.options import json_option
 from labctl.cli.output import emit_json, table
 from labctl.errors import BadInput, LabError, Stopped
+from labctl.next_command import next_command
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,7 +106,7 @@ def pick(
         return
     click.echo(f"{basis} of seed {of_run.settings.seed}, member {chosen.id}: {errors}")
     pattern = of_run.settings.problem.targets[0].name
-    click.echo(f"written: {path}; next: labctl inflate --design {path} --pattern {pattern}")
+    click.echo(f"written: {path}; next: {next_command('inflate', '--design', path, '--pattern', pattern)}")
 
 
 def print_runs(path: Path, as_json: bool, *, published: bool) -> None:
@@ -114,13 +115,15 @@ def print_runs(path: Path, as_json: bool, *, published: bool) -> None:
         _print_runs(path, as_json, published=published)
     except KeyboardInterrupt:
         raise Stopped(
-            f"stopped; the run is kept as it was: labctl evolve show {path} draws its page"
+            f"stopped; the run is kept as it was: {next_command('evolve', 'show', path)} draws its page"
         ) from None
 
 
 def stopped_before_the_page(path: Path) -> Stopped:
     """What a stop after the search comes to."""
-    return Stopped(f"stopped; the run is kept as it is: labctl evolve show {path} draws its page")
+    return Stopped(
+        f"stopped; the run is kept as it is: {next_command('evolve', 'show', path)} draws its page"
+    )
 
 
 def _print_runs(path: Path, as_json: bool, *, published: bool) -> None:
@@ -138,7 +141,9 @@ def _print_runs(path: Path, as_json: bool, *, published: bool) -> None:
         # The results need no page.
         if not as_json:
             _print_tables(runs, rescored)
-        raise LabError(f"{error}; the run is kept: mend that, then labctl evolve show {path}") from error
+        raise LabError(
+            f"{error}; the run is kept: mend that, then {next_command('evolve', 'show', path)}"
+        ) from error
     if as_json:
         results = [_run_to_json(run, each) for run, each in zip(runs, rescored, strict=True)]
         emit_json({"runs": results, "page": str(page)})
@@ -257,7 +262,8 @@ def _chosen(runs: "list[SearchRun]", rule: "Rule", member_id: int | None) -> "tu
             return run, member
     known = ", ".join(str(member.id) for member in run.checkpoint.front.members[:8])
     raise BadInput(
-        f"{run.folder}: member {member_id} is not on the front; use one of {known} ... (labctl evolve show)"
+        f"{run.folder}: member {member_id} is not on the front; use one of {known} ... "
+        f"({next_command('evolve', 'show', run.folder)})"
     )
 
 

@@ -8,6 +8,7 @@ import click
 
 from labctl.cli.options import design_option, json_option, ledger_option, rig_option
 from labctl.errors import BadInput
+from labctl.next_command import note_given
 
 if TYPE_CHECKING:
     from labctl.session.request import RunOptions
@@ -93,6 +94,8 @@ def run(
         raise BadInput("--speed nan is no number; write for example --speed 20")
     if speed is not None and rig_path is not None:
         raise BadInput("--speed is for the command's own doubles; a rig.toml states its own speed")
+    if speed is not None:
+        note_given("--speed", speed)
     if continued is not None:
         _refuse_beside_continue(ctx)
         from labctl.cli.run.start import continue_run

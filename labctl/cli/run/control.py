@@ -9,6 +9,7 @@ from click.core import ParameterSource
 from labctl.cli.options import held_rig_option, json_option, ledger_option
 from labctl.cli.output import ProgressLine, emit_json
 from labctl.errors import BadInput
+from labctl.next_command import next_command
 
 if TYPE_CHECKING:
     from labctl.session.control_file import ControlRequest
@@ -22,7 +23,12 @@ def pause(ledger_folder: Path, as_json: bool) -> None:
 
     The rig stays SAFE until `labctl resume`.
     """
-    _request(ledger_folder, "pause", as_json, "the run pauses after this trial; labctl resume resumes it")
+    _request(
+        ledger_folder,
+        "pause",
+        as_json,
+        f"the run pauses after this trial; {next_command('resume')} resumes it",
+    )
 
 
 @click.command()
@@ -61,9 +67,9 @@ def abort(ctx: click.Context, rig_path: Path | None, ledger_folder: Path, as_jso
         if not found:
             # Another user's, or one that has opened no rig yet.
             reply = "abort requested; its own terminal shows the run vent and read SAFE back"
-            _request(ledger_folder, "abort", as_json, f"{reply}, labctl runs how it ended")
+            _request(ledger_folder, "abort", as_json, f"{reply}, {next_command('runs')} how it ended")
             return 0
-    held = one_held_rig(found, rig_path, "name one with --rig; labctl vent vents them all")
+    held = one_held_rig(found, rig_path, f"name one with --rig; {next_command('vent')} vents them all")
     with ProgressLine(quiet=True) as line:
         vented = vent_rigs([held], "abort", line.notify)
     return print_vented(vented, as_json=as_json)
@@ -79,7 +85,7 @@ def _request(folder: Path, request: "ControlRequest", as_json: bool, reply: str)
     from labctl.session.control_file import write_request
 
     if holder_of(folder) is None:
-        raise BadInput(f"{folder}: no protocol is running there; labctl runs lists what has run")
+        raise BadInput(f"{folder}: no protocol is running there")
     write_request(folder, request)
     if as_json:
         emit_json({"ledger": str(folder), "asked": request})

@@ -1,19 +1,21 @@
 """What `labctl run` and `labctl inflate` share: a ledger and a rig opened, a prepared run conducted on them."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from labctl.cli.interrupts import stop_on_signals
+from labctl.cli.interrupts import TO_SAFE, stop_on_signals
 from labctl.cli.outcome import Outcome
 from labctl.cli.output import ProgressLine
 from labctl.cli.rigs import chosen_rig, reporting
 from labctl.cli.run.options import SessionOptions
 from labctl.cli.run.text import RunReporter, default_operator
 from labctl.config.rig import RigConfig
+from labctl.errors import Stopped, Tripped, Unsafe
 from labctl.ledger.records import RunRecord, SimulatedHeights, TrialRecord
 from labctl.ledger.writer import LedgerWriter
+from labctl.next_command import next_command
 from labctl.rig import Rig
 from labctl.rig.presence import Presence
 from labctl.safety.safe_state import SafeReport
@@ -62,7 +64,7 @@ def open_session(ledger: AbstractContextManager[Path], options: SessionOptions) 
     Signals are stops from before the folder is entered until it was left: what is temporary is removed then too.
     """
     with ExitStack() as opened:
-        stop = RunStop(opened.enter_context(stop_on_signals()))
+        stop = RunStop(opened.enter_context(stop_on_signals(_what_a_stop_does(Outcome.current()))))
         line = opened.enter_context(ProgressLine(quiet=options.as_json))
         writer = opened.enter_context(LedgerWriter.open(opened.enter_context(ledger), line.notify))
         # Whoever sees the lock held may make a request, however long it takes until the rig is open.
@@ -71,9 +73,17 @@ def open_session(ledger: AbstractContextManager[Path], options: SessionOptions) 
 
 
 def measure(
-    prepared: PreparedRun, design_name: str, options: SessionOptions, session: Session, *, quiet: bool
+    prepared: PreparedRun,
+    design_name: str,
+    options: SessionOptions,
+    session: Session,
+    *,
+    quiet: bool,
+    kept: bool,
 ) -> FinishedRun:
     """Open the rig and conduct the run on it to its end; `quiet` leaves out the trials on standard output.
+
+    How a run that is `kept` continues is said where it ends before its end.
 
     Raises:
         LabError: what `labctl.session.engine.conduct` raises; the rig was taken to SAFE.
@@ -87,8 +97,11 @@ def measure(
         heights = _heights(prepared, planned, config, session, presence)
         reporter = RunReporter(line, config, planned, quiet=quiet)
 
+        begun: list[RunRecord] = []
+
         def register(rig: Rig) -> RunRecord:
             record = _register(prepared, options, session, rig, len(planned), heights)
+            begun.append(record)
             reporter.run_started(record)
             presence.show_run(record.protocol, record.number)
             return record
@@ -108,10 +121,27 @@ def measure(
             run, summary = conduct(
                 reporting(rig), register, planned, attempts, session.writer, session.stop, observer
             )
+        except (Stopped, Tripped, Unsafe):
+            if begun and kept:
+                number = begun[0].number
+                line.notify(f"run {number} is kept: {next_command('run', '--continue', number)} continues it")
+            raise
         finally:
             reporter.finish()
     trials = session.writer.trials(run.number)
     return FinishedRun(run, config, planned, trials, summary, outcome.report)
+
+
+def _what_a_stop_does(outcome: Outcome) -> Callable[[], str]:
+    """What is said of a stop: before a port was opened there is nothing to take to SAFE."""
+
+    def say() -> str:
+        presence = outcome.presence
+        if presence is not None and presence.may_be_open:
+            return TO_SAFE
+        return "stopping; no instrument is open, and nothing was energised"
+
+    return say
 
 
 def _computing(outcome: Outcome) -> Presence:

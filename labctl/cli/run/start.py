@@ -20,7 +20,7 @@ def start_run(prepared: PreparedRun, design_name: str, ledger_folder: Path, opti
     """Start a new run; what cannot be run is refused before a ledger is made or doubles are started."""
     plan(prepared.protocol, prepared.request, prepared.design, rig_to_be(options.rig_path, prepared.design))
     with open_session(nullcontext(ledger_folder), options) as session:
-        finished = measure(prepared, design_name, options, session, quiet=options.as_json)
+        finished = measure(prepared, design_name, options, session, quiet=options.as_json, kept=True)
         _print_result(finished, options)
 
 
@@ -39,7 +39,7 @@ def continue_run(name: str, ledger_folder: Path, options: SessionOptions) -> Non
         # The doubles' sheet is the one of the run, whatever became of the design's file.
         design = Path(folder) / "design.toml"
         design.write_text(prepared.design_text, encoding="utf-8")
-        finished = measure(prepared, str(design), options, session, quiet=options.as_json)
+        finished = measure(prepared, str(design), options, session, quiet=options.as_json, kept=True)
         _print_result(finished, options)
 
 

@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.output import ProgressLine, banner, counted, emit_json, table, unit_json, unit_line
+from labctl.cli.output import (
+    ProgressLine,
+    banner,
+    counted,
+    emit_json,
+    print_look_at_it,
+    table,
+    unit_json,
+    unit_line,
+)
 from labctl.errors import BadInput, Stopped
 from labctl.nonblocking_output import NonBlockingOutput
 
@@ -138,7 +147,7 @@ def print_result(
     print_summary(summary)
     if safe is not None:
         click.echo(safe.describe())
-    click.echo(f"look at it: labctl show {run.number}, labctl report {run.number}")
+    print_look_at_it(run.number)
 
 
 def print_summary(summary: "RunSummary") -> None:

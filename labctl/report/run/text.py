@@ -8,6 +8,7 @@ from labctl.ledger.moment import Moment
 from labctl.ledger.records import RunRecord
 from labctl.ledger.state import RunState
 from labctl.measurement.result import LevelResult
+from labctl.next_command import next_command
 from labctl.report.page import Table
 from labctl.report.picture_style import shortened
 from labctl.report.run.view import Attempt, RunView
@@ -82,7 +83,9 @@ def unfinished(view: RunView) -> str:
     notes: Mapping[RunState, str] = {
         "finished": "",
         "failed": "This run failed: a trial was not good in any of its attempts.",
-        "interrupted": f"This run was interrupted; labctl run --continue {view.run.number} continues it.",
+        "interrupted": (
+            f"This run was interrupted; {next_command('run', '--continue', view.run.number)} continues it."
+        ),
         "running": "This run is still running; the page shows what was committed so far.",
     }
     return notes[view.state]
