@@ -101,14 +101,23 @@ def _measure(
 
 
 def _for_machines(finished: "FinishedRun", *, kept: bool) -> dict[str, Any]:
+    from labctl.mocap.transfer_error import height_error
+
     level = _level(finished)
+    apart = height_error(_heights_mm(level.heights_mm), _simulated_mm(finished))
     return {
         "simulated": finished.run.simulated,
         **unit_json(finished.config.regulator),
         "pattern": finished.planned[0].pattern,
         "pressure_psi": _rounded(level.mean_psi, 4),
         "heights_mm": _heights_mm(level.heights_mm).round(3),
+        "measuring_points": [
+            {"marker": point.id, "x_mm": point.x_mm, "y_mm": point.y_mm}
+            for point in finished.config.markers.points
+        ],
         "transfer_error_percent": _rounded(level.e_t_percent, 3),
+        "mean_height_error_mm": None if apart is None else round(apart.mean_mm, 4),
+        "mean_height_difference_mm": None if apart is None else round(apart.difference_mm, 4),
         "safe": finished.safe is not None and finished.safe.safe,
         "simulated_heights_mm": _simulated_mm(finished).round(3),
         "points": level.points_compared,
@@ -126,6 +135,8 @@ def _for_machines(finished: "FinishedRun", *, kept: bool) -> dict[str, Any]:
 
 
 def _for_people(finished: "FinishedRun") -> None:
+    from labctl.mocap.transfer_error import height_error
+
     level, config = _level(finished), finished.config
     what = f"design {finished.run.design_name}, pattern {finished.planned[0].pattern}"
     banner(config.simulated)
@@ -163,8 +174,16 @@ def _for_people(finished: "FinishedRun") -> None:
     if unmeasured:
         click.echo(f"not measured, too rarely seen: markers {', '.join(unmeasured)}")
     if level.e_t_percent is not None:
+        over = counted(level.points_compared, "point")
         click.echo(
-            f"transfer error e_t {level.e_t_percent:.1f} % over {counted(level.points_compared, 'point')}"
+            f"transfer error e_t {level.e_t_percent:.1f} % over {over} (shapes alone: each side is divided by\n"
+            "its own greatest height)"
+        )
+    apart = height_error(heights_mm, simulated_mm)
+    if apart is not None:
+        click.echo(
+            f"mean height error {apart.mean_mm:.2f} mm; measured less simulated "
+            f"{apart.difference_mm:+.2f} mm on average"
         )
     if finished.safe is not None:
         click.echo(finished.safe.describe())

@@ -160,7 +160,7 @@ def _print_summary(groups: "tuple[Group, ...]") -> None:
         return
     _print("")
     relaxing = any(group.tau_mean_s is not None for group in groups)
-    head = ("placement", "pattern", "psi", "n", "e_t %", "sd", "95 % from", "to")
+    head = ("placement", "pattern", "psi", "n", "e_t %", "sd", "95 % from", "to", "off mm")
     table(
         (*head, "tau s", "sd") if relaxing else head,
         [cells if relaxing else cells[: len(head)] for cells in map(_group_cells, groups)],
@@ -177,6 +177,7 @@ def _group_cells(group: "Group") -> tuple[str, ...]:
         _or_dash(group.e_t_sd_percent, 2),
         _or_dash(group.e_t_low_percent, 2),
         _or_dash(group.e_t_high_percent, 2),
+        _or_dash(group.height_error_mean_mm, 2),
         _or_dash(group.tau_mean_s, 2),
         _or_dash(group.tau_sd_s, 2),
     )

@@ -1,4 +1,4 @@
-"""The transfer error e_t: how far a measured shape is from the simulated one, size left out."""
+"""How far a measured shape is from the simulated one: the transfer error e_t, size left out, and in mm."""
 
 from dataclasses import dataclass
 
@@ -51,6 +51,30 @@ def transfer_error(measured_mm: ArrayLike, simulated_mm: ArrayLike) -> TransferE
         _normalised("measured", measured[compared]) - _normalised("simulated", simulated[compared])
     )
     return TransferError(float(per_point[compared].mean()), per_point, points)
+
+
+@dataclass(frozen=True)
+class HeightError:
+    """What e_t leaves out, over the `points` that have both heights.
+
+    `mean_mm` is the mean height error, of |measured - simulated|; `difference_mm` that of measured less simulated.
+    """
+
+    mean_mm: float
+    difference_mm: float
+    points: int
+
+
+def height_error(measured_mm: ArrayLike, simulated_mm: ArrayLike) -> HeightError | None:
+    """Compare heights (m,) above the uninflated sheet as they are, in mm.
+
+    Points that are not finite on either side are left out; None where there are no others.
+    """
+    apart_mm = np.asarray(measured_mm, dtype=np.float64) - np.asarray(simulated_mm, dtype=np.float64)
+    known_mm = apart_mm[np.isfinite(apart_mm)]
+    if not len(known_mm):
+        return None
+    return HeightError(float(np.abs(known_mm).mean()), float(known_mm.mean()), len(known_mm))
 
 
 def _normalised(side: str, heights_mm: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from labctl.ledger.records import RunRecord, TrialRecord
 from labctl.measurement.result import Heights, LevelResult
+from labctl.mocap.transfer_error import height_error
 from labctl.statistics.intervals import Interval, Method, bootstrap_mean, t_mean
 
 GroupKey = tuple[str, str, float]
@@ -18,9 +19,10 @@ class Group:
 
     `trials` counts them. `e_t_sd_percent` is the standard deviation over trials (n - 1), from `e_t_low_percent` to
     `e_t_high_percent` the 95 % bootstrap interval of the mean by `e_t_interval`, from `e_t_t_low_percent` to
-    `e_t_t_high_percent` Student's. Over the m points: mean and standard deviation over trials of the heights and of
-    |r - s|, None where no trial (or, for a deviation, fewer than two) saw the point; `simulated_mm` is empty where
-    nothing was simulated. `tau_*` are of the relaxation after this level. None: fewer trials than it takes.
+    `e_t_t_high_percent` Student's. `height_error_mean_mm` and its deviation over trials are of the mean height error,
+    |measured - simulated|, which e_t leaves out. Over the m points: mean and standard deviation over trials of the
+    heights and of |r - s|, None where no trial (or, for a deviation, fewer than two) saw the point; `simulated_mm` is
+    empty where nothing was simulated. `tau_*` are of the relaxation after this level. None: fewer trials than it takes.
     """
 
     placement: str
@@ -34,6 +36,8 @@ class Group:
     e_t_interval: Method | None
     e_t_t_low_percent: float | None
     e_t_t_high_percent: float | None
+    height_error_mean_mm: float | None
+    height_error_sd_mm: float | None
     heights_mean_mm: Heights
     heights_sd_mm: Heights
     simulated_mm: Heights
@@ -100,6 +104,8 @@ def _group(run: RunRecord, key: GroupKey, levels: Sequence[GoodLevel]) -> Group:
     interval: Interval | None = bootstrap_mean(e_t)
     student = t_mean(e_t)
     heights = [good.level.heights_mm for good in levels]
+    simulated_mm = run.basis(pattern).simulated_mm.get(pressure_psi, ())
+    apart = _height_errors_mm(heights, simulated_mm)
     errors = [good.level.per_point_percent for good in levels]
     return Group(
         placement=placement,
@@ -113,14 +119,25 @@ def _group(run: RunRecord, key: GroupKey, levels: Sequence[GoodLevel]) -> Group:
         e_t_interval=None if interval is None else interval.method,
         e_t_t_low_percent=None if student is None else student.low,
         e_t_t_high_percent=None if student is None else student.high,
+        height_error_mean_mm=mean(apart),
+        height_error_sd_mm=deviation(apart),
         heights_mean_mm=tuple(mean(known_of(point)) for point in zip(*heights, strict=True)),
         heights_sd_mm=tuple(deviation(known_of(point)) for point in zip(*heights, strict=True)),
-        simulated_mm=run.basis(pattern).simulated_mm.get(pressure_psi, ()),
+        simulated_mm=simulated_mm,
         per_point_mean_percent=tuple(mean(known_of(point)) for point in zip(*errors, strict=True)),
         per_point_sd_percent=tuple(deviation(known_of(point)) for point in zip(*errors, strict=True)),
         tau_mean_s=mean(tau),
         tau_sd_s=deviation(tau),
     )
+
+
+def _height_errors_mm(heights_mm: Iterable[Heights], simulated_mm: Sequence[float]) -> tuple[float, ...]:
+    """Each trial's mean height error; of none where nothing was simulated."""
+    if not simulated_mm:
+        return ()
+    # None becomes NaN, which is left out.
+    errors = [height_error(np.array(each, dtype=np.float64), simulated_mm) for each in heights_mm]
+    return tuple(error.mean_mm for error in errors if error is not None)
 
 
 def known_of(values: Iterable[float | None]) -> tuple[float, ...]:

@@ -3,6 +3,7 @@
 import json
 import signal
 
+import numpy as np
 import pytest
 
 SPHERE = ("inflate", "--pattern", "sphere", "--rig")
@@ -18,6 +19,11 @@ def test_tells_machines(lab):
     assert result["pressure_psi"] == pytest.approx(3.9, abs=0.1)
     assert len(result["heights_mm"]) == 16
     assert 0 < result["transfer_error_percent"] < 30
+    assert [each["marker"] for each in result["measuring_points"]] == list(range(16))
+    assert result["measuring_points"][3]["x_mm"] == 35
+    apart = np.subtract(result["heights_mm"], result["simulated_heights_mm"])
+    assert result["mean_height_error_mm"] == pytest.approx(np.abs(apart).mean(), abs=2e-3)
+    assert result["mean_height_difference_mm"] == pytest.approx(apart.mean(), abs=2e-3)
     assert result["safe"] is True
     lab.virtual.assert_safe()
     assert 3.8 < lab.plant.highest_psi < 4.1
@@ -28,7 +34,10 @@ def test_what_is_kept_is_a_run_whose_numbers_can_be_had_again(lab, labctl, tmp_p
     done = lab(*SPHERE, lab.rig, "--keep", *ledger)
 
     assert done.code == 0, done.err
-    assert done.out.splitlines()[-1] == "look at it: labctl show 1, labctl report 1"
+    assert done.out.splitlines()[-2:] == [
+        f"  labctl show 1 --ledger {tmp_path / 'ledger'}",
+        f"  labctl report 1 --ledger {tmp_path / 'ledger'}",
+    ]
     verified = labctl("verify", "1", *ledger)
     assert verified.code == 0, verified.err
     assert "run 1: inflate" in verified.out

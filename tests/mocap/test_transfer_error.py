@@ -6,7 +6,7 @@ from hypothesis.extra import numpy as hnp
 
 from labctl.errors import InstrumentError
 from labctl.mocap.errors import TooFewPoints
-from labctl.mocap.transfer_error import transfer_error
+from labctl.mocap.transfer_error import HeightError, height_error, transfer_error
 
 
 def test_equation_2_by_hand():
@@ -65,3 +65,9 @@ def test_size_is_left_out_and_the_sides_may_change_places(measured, simulated, s
     assert 0 <= percent <= 200
     assert transfer_error(scale * measured, simulated).percent == pytest.approx(percent, abs=1e-6)
     assert transfer_error(simulated, measured).percent == pytest.approx(percent, abs=1e-9)
+
+
+def test_the_height_error_sees_what_e_t_leaves_out():
+    half = height_error([4.0, np.nan, 1.0, -1.0], [8.0, 3.0, 0.0, -1.0])
+    assert half == HeightError(mean_mm=pytest.approx(5 / 3), difference_mm=pytest.approx(-1.0), points=3)
+    assert height_error([np.nan], [1.0]) is None

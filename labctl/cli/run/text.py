@@ -160,11 +160,12 @@ def print_summary(summary: "RunSummary") -> None:
             str(group.trials),
             _spread(group.e_t_mean_percent, group.e_t_sd_percent),
             _interval(group.e_t_low_percent, group.e_t_high_percent),
+            _spread(group.height_error_mean_mm, group.height_error_sd_mm),
             _spread(group.tau_mean_s, group.tau_sd_s),
         )
         for group in summary.groups
     ]
-    head = ("placement", "pattern", "psi", "trials", "e_t %", "95 %", "tau s")
+    head = ("placement", "pattern", "psi", "trials", "e_t %", "95 %", "off mm", "tau s")
     with_tau = any(row[-1] != "-" for row in rows)
     table(head if with_tau else head[:-1], rows if with_tau else [row[:-1] for row in rows])
 

@@ -136,6 +136,7 @@ def groups_table(view: RunView) -> Table:
         "e_t, mean ± sd",
         "95 % interval (bootstrap)",
         "95 % interval (Student's t)",
+        "mean height error",
         *(("τ, mean ± sd",) if relaxing else ()),
     )
     rows = tuple(
@@ -147,6 +148,7 @@ def groups_table(view: RunView) -> Table:
             percent(group.e_t_mean_percent, group.e_t_sd_percent),
             format_interval(group.e_t_low_percent, group.e_t_high_percent),
             format_interval(group.e_t_t_low_percent, group.e_t_t_high_percent),
+            mean_sd(group.height_error_mean_mm, group.height_error_sd_mm, "mm", 2),
             *((mean_sd(group.tau_mean_s, group.tau_sd_s, "s", 3),) if relaxing else ()),
         )
         for group in groups
