@@ -22,7 +22,7 @@ class Group:
     `e_t_t_high_percent` Student's. `height_error_mean_mm` and its deviation over trials are of the mean height error,
     |measured - simulated|, which e_t leaves out. Over the m points: mean and standard deviation over trials of the
     heights and of |r - s|, None where no trial (or, for a deviation, fewer than two) saw the point; `simulated_mm` is
-    empty where nothing was simulated. `tau_*` are of the relaxation after this level. None: fewer trials than it takes.
+    empty where nothing was simulated. `tau_*` are of the relaxation after this level. None: too few trials for it.
     """
 
     placement: str
