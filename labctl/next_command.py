@@ -30,6 +30,7 @@ TAKES = {
     "simulate": (),
     "evolve": (),
     "compare": (),
+    "designs": (),
     "doubles": (),
 }
 _PLACEHOLDER = " --rig FILE"

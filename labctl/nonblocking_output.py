@@ -17,7 +17,7 @@ class NonBlockingOutput:
 
     def __init__(self, write_out: Callable[[str], None]) -> None:
         self._write_out = write_out
-        self._queue: queue.Queue[str | None] = queue.Queue(_QUEUED)
+        self._queue: queue.Queue[str | threading.Event | None] = queue.Queue(_QUEUED)
         self._thread = threading.Thread(target=self._run, name="output", daemon=True)
         self._thread.start()
 
@@ -27,6 +27,15 @@ class NonBlockingOutput:
             self._queue.put_nowait(text)
         except queue.Full:
             return
+
+    def flush(self, timeout_s: float = 1.0) -> None:
+        """Wait until what is queued was written, for at most `timeout_s`."""
+        written = threading.Event()
+        try:
+            self._queue.put(written, timeout=timeout_s)
+        except queue.Full:
+            return
+        written.wait(timeout_s)
 
     def finish(self, timeout_s: float = 1.0) -> None:
         """Write what is queued, for at most `timeout_s`; nothing is written after that."""
@@ -38,6 +47,9 @@ class NonBlockingOutput:
 
     def _run(self) -> None:
         while (text := self._queue.get()) is not None:
+            if isinstance(text, threading.Event):
+                text.set()
+                continue
             # Whatever a terminal does, the next text may fare better.
             with suppress(Exception):
                 self._write_out(text)

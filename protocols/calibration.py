@@ -20,13 +20,13 @@ from protocols.steps import (
 )
 
 
-def _staircase(pressures_psi: tuple[float, ...], rig: RigConfig) -> tuple[Step, ...]:
+def _staircase(pressures_psi: tuple[float, ...], hold_s: float | None, rig: RigConfig) -> tuple[Step, ...]:
     steps: list[Step] = []
     below_psi = 0.0
     for pressure_psi in pressures_psi:
         steps += [
             ramp(pressure_psi, rig, below_psi),
-            hold_until_settled(pressure_psi, rig),
+            hold_until_settled(pressure_psi, rig, hold_s),
             capture_level(pressure_psi, rig),
         ]
         below_psi = pressure_psi
@@ -38,7 +38,7 @@ def _plan(request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, .
     pressures_psi = tuple(sorted(request.pressures_psi))
     checklist = Checklist(
         setup=(wait_until_relaxed(rig), capture_baseline(rig)),
-        main=(jam(design.channels(pattern), pattern), *_staircase(pressures_psi, rig)),
+        main=(jam(design.channels(pattern), pattern), *_staircase(pressures_psi, request.hold_s, rig)),
         teardown=(vent_and_unjam(rig),),
     )
     return repeated_trials(request, pressures_psi, checklist)
@@ -50,5 +50,6 @@ CALIBRATION = Protocol(
     pressures_psi=(2.0, 2.5, 3.0, 3.5),
     trials=5,
     plan=_plan,
+    can_hold=True,
     allowed=AllowedCounts(pressures=(1, 20)),
 )

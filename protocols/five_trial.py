@@ -19,8 +19,10 @@ from protocols.steps import (
 )
 
 
-def inflate_once(pattern: str, pressure_psi: float, design: Design, rig: RigConfig) -> Checklist:
-    """The checklist of one trial."""
+def inflate_once(
+    request: RunRequest, pattern: str, pressure_psi: float, design: Design, rig: RigConfig
+) -> Checklist:
+    """The checklist of one trial of a pattern at a pressure."""
     return Checklist(
         setup=(
             wait_until_relaxed(rig),
@@ -29,7 +31,7 @@ def inflate_once(pattern: str, pressure_psi: float, design: Design, rig: RigConf
         main=(
             jam(design.channels(pattern), pattern),
             ramp(pressure_psi, rig),
-            hold_until_settled(pressure_psi, rig),
+            hold_until_settled(pressure_psi, rig, request.hold_s),
             capture_level(pressure_psi, rig),
         ),
         teardown=(vent_and_unjam(rig),),
@@ -47,7 +49,8 @@ def repeated_trials(
 
 def _plan(request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, ...]:
     (pattern,), (pressure_psi,) = request.patterns, request.pressures_psi
-    return repeated_trials(request, request.pressures_psi, inflate_once(pattern, pressure_psi, design, rig))
+    once = inflate_once(request, pattern, pressure_psi, design, rig)
+    return repeated_trials(request, request.pressures_psi, once)
 
 
 FIVE_TRIAL = Protocol(
@@ -56,4 +59,5 @@ FIVE_TRIAL = Protocol(
     pressures_psi=(3.9,),
     trials=5,
     plan=_plan,
+    can_hold=True,
 )

@@ -26,7 +26,7 @@ def _plan(request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, .
         main=(
             jam(design.channels(pattern), pattern),
             ramp(pressure_psi, rig),
-            hold_pressure(pressure_psi, rig),
+            hold_pressure(pressure_psi, rig, request.hold_s),
             capture_level(pressure_psi, rig),
         ),
         teardown=(vent_and_unjam(rig),),
@@ -40,5 +40,6 @@ INFLATE = Protocol(
     pressures_psi=(3.9,),
     trials=1,
     plan=_plan,
+    can_hold=True,
     allowed=AllowedCounts(trials=(1, 1)),
 )

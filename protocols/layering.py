@@ -28,7 +28,7 @@ def _plan(request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, .
             placement,
             pattern,
             (pressure_psi,),
-            inflate_once(pattern, pressure_psi, design, rig),
+            inflate_once(request, pattern, pressure_psi, design, rig),
             sheet=f"the sheet of {design.name} glued {placement}",
         )
         for number, (placement, _, pattern) in enumerate(kinds, start=1)
@@ -41,6 +41,7 @@ LAYERING = Protocol(
     pressures_psi=(3.9,),
     trials=5,
     plan=_plan,
+    can_hold=True,
     allowed=AllowedCounts(patterns=(2, 2)),
     placements=both_orders,
 )

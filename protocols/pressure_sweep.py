@@ -17,7 +17,13 @@ def _plan(request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, .
     (pattern,), (placement,) = request.patterns, request.placements
     rounds = product(range(request.trials), request.pressures_psi)
     return tuple(
-        Trial(number, placement, pattern, (pressure_psi,), inflate_once(pattern, pressure_psi, design, rig))
+        Trial(
+            number,
+            placement,
+            pattern,
+            (pressure_psi,),
+            inflate_once(request, pattern, pressure_psi, design, rig),
+        )
         for number, (_, pressure_psi) in enumerate(rounds, start=1)
     )
 
@@ -28,5 +34,6 @@ PRESSURE_SWEEP = Protocol(
     pressures_psi=(2.6, 3.0, 3.5, 3.9),
     trials=5,
     plan=_plan,
+    can_hold=True,
     allowed=AllowedCounts(pressures=(1, 20)),
 )

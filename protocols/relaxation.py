@@ -18,7 +18,7 @@ def _plan(request: RunRequest, design: Design, rig: RigConfig) -> tuple[Trial, .
     (pattern,), (pressure_psi,) = request.patterns, request.pressures_psi
     if request.watch_s is None:
         raise BadInput("relaxation needs a time to watch the sheet for after venting: --watch '2 min'")
-    once = inflate_once(pattern, pressure_psi, design, rig)
+    once = inflate_once(request, pattern, pressure_psi, design, rig)
     checklist = replace(once, main=(*once.main, vent_and_unjam(rig), watch_the_sheet_relax(request.watch_s)))
     return repeated_trials(request, request.pressures_psi, checklist)
 
@@ -29,5 +29,6 @@ RELAXATION = Protocol(
     pressures_psi=(3.9,),
     trials=5,
     plan=_plan,
+    can_hold=True,
     watch_s=120.0,
 )

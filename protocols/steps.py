@@ -100,32 +100,35 @@ def ramp(pressure_psi: float, rig: RigConfig, from_psi: float = 0.0) -> Step:
     )
 
 
-def hold_pressure(pressure_psi: float, rig: RigConfig) -> Step:
-    """The pressure stays within its band."""
+def hold_pressure(pressure_psi: float, rig: RigConfig, hold_s: float | None = None) -> Step:
+    """The pressure stays within its band, for `hold_s` at least where that is given."""
     limits = rig.limits
 
     def do(bench: Bench) -> None:
-        bench.rig.settle(pressure_psi, lambda reading: _show(bench, reading))
+        settled = bench.rig.settle(pressure_psi, lambda reading: _show(bench, reading))
+        if hold_s is not None:
+            bench.rig.hold(pressure_psi, settled.times_s[0] + hold_s, lambda reading: _show(bench, reading))
 
     return Step(
-        f"hold {pressure_psi:.2f} +- {limits.hold_tolerance_psi:g} psi until the pressure has settled",
-        limits.settle_s,
-        limits.settle_timeout_s + _MARGIN_S,
+        f"hold {pressure_psi:.2f} +- {limits.hold_tolerance_psi:g} psi {_until(hold_s, 'the pressure has settled')}",
+        max(limits.settle_s, hold_s or 0.0),
+        limits.settle_timeout_s + (hold_s or 0.0) + _MARGIN_S,
         do,
         pressure_psi,
     )
 
 
-def hold_until_settled(pressure_psi: float, rig: RigConfig) -> Step:
-    """The pressure stays within its band, and the sheet has taken its shape."""
-    hold = hold_pressure(pressure_psi, rig)
+def hold_until_settled(pressure_psi: float, rig: RigConfig, hold_s: float | None = None) -> Step:
+    """The pressure stays within its band, for `hold_s` at least where that is given, and the sheet has its shape."""
+    hold = hold_pressure(pressure_psi, rig, hold_s)
 
     def do(bench: Bench) -> None:
         hold.do(bench)
         _wait_until_still(bench, rig.measurement.shape_timeout_s, "shape_timeout")
 
     return Step(
-        f"hold {pressure_psi:.2f} +- {rig.limits.hold_tolerance_psi:g} psi until pressure and shape have settled",
+        f"hold {pressure_psi:.2f} +- {rig.limits.hold_tolerance_psi:g} psi "
+        f"{_until(hold_s, 'pressure and shape have settled')}",
         hold.lasts_s + _USUAL_STILL_S,
         hold.deadline_s + rig.measurement.shape_timeout_s,
         do,
@@ -167,6 +170,10 @@ def watch_the_sheet_relax(seconds: float) -> Step:
         bench.mark_window(Window("relaxing", start_s, bench.rig.clock.now_s()))
 
     return Step(f"record the sheet for {seconds:g} s after venting", seconds, seconds + _MARGIN_S, do)
+
+
+def _until(hold_s: float | None, settled: str) -> str:
+    return f"until {settled}" if hold_s is None else f"for {hold_s:g} s, and until {settled}"
 
 
 def _capturing(

@@ -64,6 +64,9 @@ class _AtOnce:
             self._write_out(text)
         self._heard(text)
 
+    def flush(self):
+        pass
+
     def finish(self):
         pass
 
@@ -119,7 +122,6 @@ class VirtualLabctl:
         output = partial(_AtOnce, heard=self._hear)
         with (
             patch("labctl.cli.output.NonBlockingOutput", output),
-            patch("labctl.cli.run.text.NonBlockingOutput", output),
         ):
             ended = labctl_here(*arguments, platform=self.virtual.platform)
         for guard in self.virtual.guards:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from labctl.cli.options import json_option, rig_option
-from labctl.cli.output import ProgressLine, banner, emit_json, unit_json
+from labctl.cli.output import ProgressLine, banner, emit_json, paragraph, unit_json
 from labctl.cli.rigs import chosen_rig
 from labctl.next_command import next_command
 
@@ -78,7 +78,7 @@ def doctor(rig_path: Path | None, as_json: bool) -> int:
         banner(config.simulated)
         click.echo(f"{config.name} ({config.source})")
         for finding in findings:
-            click.echo(f"  {finding.verdict:8}{finding.subject}: {finding.text}")
+            paragraph(f"  {finding.verdict:8}{finding.subject}: {finding.text}", " " * 10)
     return 2 if failed else 0
 
 

@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 @click.option(
     "--pressure", "pressure_text", default="3.9 psi", show_default=True, help="Gauge pressure to hold."
 )
+@click.option(
+    "--hold", "hold_text", help="How long to hold it at least before the sheet is measured, as in '30 s'."
+)
 @click.option("--keep", is_flag=True, help="Record the measurement in the ledger, as a run.")
 @design_option
 @rig_option
@@ -47,6 +50,7 @@ def inflate(
     ctx: click.Context,
     pattern: str,
     pressure_text: str,
+    hold_text: str | None,
     keep: bool,
     design_name: str,
     rig_path: Path | None,
@@ -59,14 +63,15 @@ def inflate(
     """
     from labctl.cli.rigs import rig_to_be
     from labctl.cli.run.options import SessionOptions
-    from labctl.config.quantity import pressure_psi
+    from labctl.config.quantity import duration_s, pressure_psi
     from labctl.session.prepare import prepare
     from labctl.session.request import RunOptions, plan
     from protocols.inflate import INFLATE
 
     if not keep and ctx.get_parameter_source("ledger_folder") is ParameterSource.COMMANDLINE:
         raise BadInput("--ledger is where --keep puts the run: give both, or neither")
-    run_options = RunOptions((pattern,), (pressure_psi(pressure_text),), attempts=1)
+    hold_s = None if hold_text is None else duration_s(hold_text)
+    run_options = RunOptions((pattern,), (pressure_psi(pressure_text),), attempts=1, hold_s=hold_s)
     prepared = prepare(INFLATE, run_options, design_name)
     plan(prepared.protocol, prepared.request, prepared.design, rig_to_be(rig_path, prepared.design))
 

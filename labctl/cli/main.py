@@ -58,6 +58,11 @@ COMMANDS = {
         "compare",
         "Compare measured heights with the simulation of a pattern.",
     ),
+    "designs": (
+        "labctl.cli.designs",
+        "designs",
+        "List the designs that ship with labctl, or print the file of one.",
+    ),
     "doubles": (
         "labctl.cli.doubles",
         "doubles",

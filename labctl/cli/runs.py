@@ -10,11 +10,15 @@ import click
 from labctl.cli.ledgers import print_notice
 from labctl.cli.options import json_option, ledger_option
 from labctl.cli.output import emit_json, table
+from labctl.printable import printable
 
 if TYPE_CHECKING:
     from labctl.ledger.ledger import Ledger
     from labctl.ledger.records import RunRecord, TrialRecord
     from labctl.ledger.state import RunState
+
+# The whole note stands in labctl show.
+_LONGEST_NOTE = 40
 
 
 @dataclass(frozen=True)
@@ -29,19 +33,64 @@ class Line:
     e_t_percent: tuple[float, ...]
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """Which runs to list: those that fit everything that is given. `note` is a part of theirs, in any case."""
+
+    protocol: str | None
+    design: str | None
+    pattern: str | None
+    state: str | None
+    note: str | None
+
+    @property
+    def takes_all(self) -> bool:
+        """Nothing is given."""
+        return not any((self.protocol, self.design, self.pattern, self.state, self.note))
+
+    def takes(self, line: Line) -> bool:
+        """Whether a run is wanted."""
+        run = line.run
+        return (
+            self.protocol in (None, run.protocol)
+            and self.design in (None, run.design_name)
+            and (self.pattern is None or self.pattern in run.request.patterns)
+            and self.state in (None, line.state)
+            and (self.note is None or self.note.casefold() in run.note.casefold())
+        )
+
+
 @click.command()
+@click.option("--protocol", help="Only runs of this protocol.")
+@click.option("--design", help="Only runs of the design of this name.")
+@click.option("--pattern", help="Only runs of this pattern.")
+@click.option(
+    "--state",
+    type=click.Choice(["finished", "failed", "interrupted", "running"]),
+    help="Only runs in this state.",
+)
+@click.option("--note", metavar="TEXT", help="Only runs whose note contains this.")
 @ledger_option
 @json_option
-def runs(ledger_folder: Path, as_json: bool) -> None:
-    """List the runs in the ledger and the state of each: start, request, good trials, e_t.
+def runs(
+    protocol: str | None,
+    design: str | None,
+    pattern: str | None,
+    state: str | None,
+    note: str | None,
+    ledger_folder: Path,
+    as_json: bool,
+) -> None:
+    """List the runs in the ledger and the state of each: start, request, good trials, e_t, note.
 
     Works while a run is being measured.
     """
     from labctl.ledger.ledger import Ledger
     from labctl.ledger.store.agreement import format_rows
 
+    wanted = Wanted(protocol, design, pattern, state, note)
     with Ledger.open(ledger_folder, print_notice) as ledger:
-        lines = [_line(ledger, run) for run in ledger.runs()]
+        lines = [line for run in ledger.runs() if wanted.takes(line := _line(ledger, run))]
         tared = [
             {"at": event.at.wall, **event.detail} for event in ledger.events(None) if event.kind == "tared"
         ]
@@ -57,13 +106,13 @@ def runs(ledger_folder: Path, as_json: bool) -> None:
         )
         return
     if lines:
-        table(
-            ("run", "begun", "protocol", "design", "patterns", "rig", "good", "e_t %", "state"),
-            [_for_people(line) for line in lines],
-        )
+        noted = any(line.run.note for line in lines)
+        head = ("run", "begun", "protocol", "design", "patterns", "rig", "good", "e_t %", "state", "note")
+        rows = [_for_people(line) for line in lines]
+        table(head if noted else head[:-1], rows if noted else [row[:-1] for row in rows])
     else:
-        click.echo(f"{ledger_folder}: no runs yet")
-    for each in tared:
+        click.echo(f"{ledger_folder}: no runs yet" if wanted.takes_all else f"{ledger_folder}: no such run")
+    for each in tared if wanted.takes_all else ():
         click.echo(
             f"{each['at'][:16].replace('T', ' ')} tared: {each['rig']}{' (SIMULATED)' if each['simulated'] else ''}, "
             f"which read {each['before_psi']:.2f} psi at 0"
@@ -117,7 +166,15 @@ def _for_people(line: Line) -> tuple[str, ...]:
         f"{line.good} of {line.planned}",
         " to ".join(dict.fromkeys(e_t)),
         line.state,
+        _shortened(printable(run.note, "\n")),
     )
+
+
+def _shortened(note: str) -> str:
+    """A note's first line, as far as a table has room for it."""
+    first, _, rest = note.strip().partition("\n")
+    text = first if len(first) <= _LONGEST_NOTE else f"{first[: _LONGEST_NOTE - 3]}..."
+    return f"{text} ..." if rest and text == first else text
 
 
 def _for_machines(line: Line) -> dict[str, Any]:

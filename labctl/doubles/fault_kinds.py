@@ -118,6 +118,7 @@ _VALVES = {
 
 _MARKERS = {
     "blind": FaultKind("every marker is occluded"),
+    "hidden": FaultKind("a marker is occluded in VALUE per cent of the frames", "percent"),
     "outliers": FaultKind("VALUE per cent of a marker's frames at 0, 0, 0 with a good condition", "percent"),
     "scattered": FaultKind("VALUE per cent of a marker's frames anywhere within 3 m", "percent"),
     "twice": FaultKind(
@@ -145,7 +146,7 @@ _MARKERS = {
 }
 
 #: Kinds that may name the markers that have them, as in outliers:5,3+7; the first marker where none is named.
-OF_SOME_MARKERS = frozenset({"outliers", "scattered", "twice", "not-a-number", "burst", "mirrored"})
+OF_SOME_MARKERS = frozenset({"hidden", "outliers", "scattered", "twice", "not-a-number", "burst", "mirrored"})
 
 #: Per instrument its kinds of fault.
 KINDS: Mapping[Instrument, Mapping[str, FaultKind]] = MappingProxyType(

@@ -65,6 +65,8 @@ class MarkerFaults:
         for kind in ("outliers", "scattered", "not-a-number"):
             for fault in self._panel.all_active(kind):
                 self._misplace(fault, positions_mm, cond)
+        for fault in self._panel.all_active("hidden"):
+            self._hide(fault, positions_mm, cond)
         wrong = replace(batch, positions_mm=positions_mm, cond=cond)
         for fault in self._panel.all_active("twice"):
             wrong = self._twice(fault, wrong)
@@ -119,6 +121,12 @@ class MarkerFaults:
         some_mm[hit], some_cond[hit] = places_mm[hit], VISIBLE_COND
         positions_mm[:, columns], cond[:, columns] = some_mm, some_cond
 
+    def _hide(self, fault: Fault, positions_mm: NDArray[np.float64], cond: NDArray[np.float64]) -> None:
+        for column in self._columns(fault):
+            hit = self._hit(fault, cond[:, column].shape)
+            cond[hit, column] = HIDDEN_COND
+            positions_mm[hit, column] = self._rng.uniform(-GARBAGE_MM, GARBAGE_MM, (int(hit.sum()), 3))
+
     def _twice(self, fault: Fault, batch: MarkerBatch) -> MarkerBatch:
         columns = self._columns(fault)
         hit = self._hit(fault, (len(batch), len(columns)))
@@ -141,6 +149,6 @@ class MarkerFaults:
             ids=np.concatenate([batch.ids, ids], axis=1),
         )
 
-    def _hit(self, fault: Fault, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    def _hit(self, fault: Fault, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         hit: NDArray[np.bool_] = self._rng.random(shape) < fault.value / 100
         return hit

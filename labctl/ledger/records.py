@@ -10,6 +10,7 @@ from labctl.ledger.moment import Moment
 from labctl.measurement.basis import Basis
 from labctl.measurement.result import LevelResult, RelaxationResult, TrialResult
 from labctl.measurement.windows import Window
+from labctl.plain_json import UNWRITTEN
 
 Json = Mapping[str, Any]
 Outcome = Literal["good", "failed", "aborted"]
@@ -21,7 +22,8 @@ class RunRequest:
     """The request of a run, complete: from it, the design and the rig the same plan follows again.
 
     `placements` are the orders in which the patterns' fibers lie on the sheet, one sheet each; a protocol that
-    needs one sheet has one. `trials` is how many of each kind, `attempts` how often each may be tried.
+    needs one sheet has one. `trials` is how many of each kind, `attempts` how often each may be tried. `hold_s` is
+    how long each pressure is held at least before it is measured, None for as long as it takes to settle.
     """
 
     protocol: str
@@ -31,6 +33,7 @@ class RunRequest:
     attempts: int
     placements: tuple[str, ...]
     watch_s: float | None
+    hold_s: float | None = field(default=None, metadata={UNWRITTEN: "0.2.0"})
 
 
 @dataclass(frozen=True)

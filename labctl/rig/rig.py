@@ -297,6 +297,22 @@ class Rig:
                 )
         return PressureTrace(tuple(times_s), tuple(pressures_psi))
 
+    def hold(self, pressure_psi: float, until_s: float, watch: Callable[[PressureReading], None]) -> None:
+        """Stay at a pressure that has settled until `until_s` of the rig's clock.
+
+        Raises:
+            InstrumentError: it left the tolerance, `limits.hold_tolerance_psi`, meanwhile.
+        """
+        tolerance_psi = self.config.limits.hold_tolerance_psi
+        while self.clock.now_s() < until_s:
+            reading = self.pressure()
+            watch(reading)
+            if not in_band(reading.gauge_psi, pressure_psi, tolerance_psi):
+                raise InstrumentError(
+                    f"{self.config.regulator.name}: the pressure left {pressure_psi:g} +- {tolerance_psi:g} psi "
+                    f"while it was held (it reads {reading.gauge_psi:.2f} psi); look for a leak or a low supply"
+                )
+
     def capture(self, seconds: float) -> tuple[MarkerFrames, PressureTrace]:
         """Collect the marker frames and pressures of the next `seconds` of the rig's clock.
 

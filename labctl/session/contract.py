@@ -81,7 +81,8 @@ class Protocol:
     """A scripted measurement.
 
     `summary` is one line for a person. `pressures_psi` and `trials` are used where the options name none; `watch_s`
-    is how long the sheet is watched after venting, None where it is not. `placements` makes the orders of the
+    is how long the sheet is watched after venting, None where it is not. `can_hold`: its plan holds each pressure for
+    `RunRequest.hold_s`, where that is given. `placements` makes the orders of the
     sheets from the patterns, None where the sheet stays. `plan` makes the trials; it contacts no instrument.
     """
 
@@ -92,4 +93,5 @@ class Protocol:
     plan: Callable[[RunRequest, Design, RigConfig], tuple[Trial, ...]]
     allowed: AllowedCounts = AllowedCounts()
     watch_s: float | None = None
+    can_hold: bool = False
     placements: Callable[[tuple[str, ...]], tuple[str, ...]] | None = None

@@ -17,6 +17,7 @@ MOST_TRIALS = 1000
 SHORTEST_WATCH_S = FEWEST_SAMPLES * STRETCH_S
 # What is recorded in one go stays of a size that a laptop can read.
 LONGEST_WATCH_S = 6 * 3600.0
+LONGEST_HOLD_S = 3600.0
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class RunOptions:
     attempts: int = 3
     placement: str | None = None
     watch_s: float | None = None
+    hold_s: float | None = None
 
 
 def complete(protocol: Protocol, options: RunOptions, design: Design) -> RunRequest:
@@ -59,6 +61,10 @@ def complete(protocol: Protocol, options: RunOptions, design: Design) -> RunRequ
             f"--watch {options.watch_s:g} s is above {LONGEST_WATCH_S:g} s; watch a sheet that creeps for longer in "
             "several trials"
         )
+    if options.hold_s is not None and not protocol.can_hold:
+        raise BadInput(f"{protocol.name} does not hold a pressure for a time of yours: leave --hold out")
+    if options.hold_s is not None and not 0 < options.hold_s <= LONGEST_HOLD_S:
+        raise BadInput(f"--hold {options.hold_s:g} s must be above 0 and at most {LONGEST_HOLD_S:g} s")
     trials = protocol.trials if options.trials is None else options.trials
     fewest, most = protocol.allowed.trials
     if not fewest <= trials <= most:
@@ -75,6 +81,7 @@ def complete(protocol: Protocol, options: RunOptions, design: Design) -> RunRequ
         attempts=options.attempts,
         placements=_placements(protocol, options, design),
         watch_s=protocol.watch_s if options.watch_s is None else options.watch_s,
+        hold_s=options.hold_s,
     )
 
 

@@ -2,9 +2,12 @@
 
 import json
 import signal
+from functools import partial
 
 import numpy as np
 import pytest
+
+from labctl.doubles.faults import parse_faults
 
 SPHERE = ("inflate", "--pattern", "sphere", "--rig")
 
@@ -240,3 +243,31 @@ def test_verbose_tells_what_is_done_with_the_instruments_and_nothing_else_does(l
     for words in wanted:
         assert any(line.startswith(words) for line in at), (words, lines)
     assert not any("labctl.wire" in line for line in lines)
+
+
+def test_a_pressure_is_held_for_as_long_as_it_is_told(lab):
+    def took_s(*options):
+        begun_s = lab.time.now_s()
+        done = lab(*SPHERE, lab.rig, *options)
+        assert done.code == 0, done.err
+        return lab.time.now_s() - begun_s
+
+    assert took_s("--hold", "30 s") == pytest.approx(took_s() + 24, abs=1.0)
+    # Settling takes longer than this.
+    assert took_s("--hold", "1 s") == pytest.approx(took_s(), abs=1.0)
+
+
+def test_a_pressure_that_leaves_its_band_while_it_is_held_ends_it(lab_with):
+    lab = lab_with()
+    sink = partial(lab.virtual.doubles.inject, parse_faults(["regulator=low-supply:3"]))
+    lab.at("trial 1: hold", lambda: lab.after(20, sink))
+    done = lab(*SPHERE, lab.rig, "--hold", "60 s")
+    assert done.code == 1
+    assert "the pressure left 3.9 +- 0.1 psi while it was held" in done.err
+    lab.virtual.assert_safe()
+
+
+@pytest.mark.parametrize("hold", ["0 s", "2 h", "-1 s", "nan s", "30 psi", "x"])
+def test_a_hold_that_is_none_is_bad_input(lab, hold):
+    assert lab(*SPHERE, lab.rig, "--hold", hold).code == 2
+    lab.assert_untouched()

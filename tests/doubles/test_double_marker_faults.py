@@ -52,6 +52,16 @@ def test_outliers_are_at_the_origin_with_a_good_condition(batch):
     assert min(part.cond.min() for part in parts) > 0
 
 
+def test_a_named_marker_is_hidden_in_its_share_of_the_frames(batch):
+    parts = batch("hidden:100%,3", "hidden:25,5+7")
+    hidden = np.concatenate([part.cond for part in parts]) <= 0
+    assert hidden[:, 3].all()
+    assert hidden[:, [5, 7]].mean(axis=0) == pytest.approx([0.25, 0.25], abs=0.03)
+    assert not hidden[:, [0, 1, 2, 4, 6]].any()
+    # What is not seen is nowhere near where it is.
+    assert np.median(off_mm(parts, 3)) > 100
+
+
 def test_without_a_name_it_is_the_first_marker(batch):
     parts = batch("scattered:20%")
     assert (off_mm(parts, 0) > 1).mean() == pytest.approx(0.2, abs=0.03)

@@ -40,6 +40,9 @@ if TYPE_CHECKING:
 @click.option(
     "--placement", help="Name of the fibers' placement, for the tables.  [default: neat or combined]"
 )
+@click.option(
+    "--hold", "hold_text", help="How long to hold each pressure at least before it is measured, as in '30 s'."
+)
 @click.option("--watch", "watch_text", help="How long to record the sheet after venting (relaxation).")
 @click.option(
     "--operator", help="Who measures.  [default: LABCTL_OPERATOR of the environment, else the user's name]"
@@ -67,6 +70,7 @@ def run(
     trials: int | None,
     attempts: int,
     placement: str | None,
+    hold_text: str | None,
     watch_text: str | None,
     operator: str | None,
     note: str,
@@ -104,7 +108,7 @@ def run(
         return
     if protocol is None:
         raise BadInput(f"which protocol? {_protocols()}")
-    run_options = _run_options(patterns, pressure_texts, trials, attempts, placement, watch_text)
+    run_options = _run_options(patterns, pressure_texts, trials, attempts, placement, watch_text, hold_text)
     prepared = prepare(find_protocol(protocol), run_options, design_name)
     if dry_run:
         from labctl.cli.run.dry_run import print_plan
@@ -140,6 +144,7 @@ def _run_options(
     attempts: int,
     placement: str | None,
     watch_text: str | None,
+    hold_text: str | None,
 ) -> "RunOptions":
     from labctl.config.quantity import duration_s, pressure_psi
     from labctl.session.request import RunOptions
@@ -151,6 +156,7 @@ def _run_options(
         attempts=attempts,
         placement=placement,
         watch_s=None if watch_text is None else duration_s(watch_text),
+        hold_s=None if hold_text is None else duration_s(hold_text),
     )
 
 

@@ -21,6 +21,7 @@ def start_run(prepared: PreparedRun, design_name: str, ledger_folder: Path, opti
     plan(prepared.protocol, prepared.request, prepared.design, rig_to_be(options.rig_path, prepared.design))
     with open_session(nullcontext(ledger_folder), options) as session:
         finished = measure(prepared, design_name, options, session, quiet=options.as_json, kept=True)
+        session.line.give_way()
         _print_result(finished, options)
 
 
@@ -40,6 +41,7 @@ def continue_run(name: str, ledger_folder: Path, options: SessionOptions) -> Non
         design = Path(folder) / "design.toml"
         design.write_text(prepared.design_text, encoding="utf-8")
         finished = measure(prepared, str(design), options, session, quiet=options.as_json, kept=True)
+        session.line.give_way()
         _print_result(finished, options)
 
 

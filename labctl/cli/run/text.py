@@ -22,7 +22,6 @@ from labctl.cli.output import (
     unit_line,
 )
 from labctl.errors import BadInput, Stopped
-from labctl.nonblocking_output import NonBlockingOutput
 
 if TYPE_CHECKING:
     from labctl.config.rig import RigConfig
@@ -56,7 +55,6 @@ class RunReporter:
         self._config = config
         self._planned = len(trials)
         self._quiet = quiet
-        self._output = NonBlockingOutput(click.echo)
         if any(trial.sheet for trial in trials) and not config.simulated and not sys.stdin.isatty():
             raise BadInput("this protocol needs another sheet on the way: run it at a terminal")
 
@@ -75,14 +73,14 @@ class RunReporter:
 
     def finish(self) -> None:
         """Print what is queued, for a second at most."""
-        self._output.finish()
+        self._line.give_way()
 
     def _trial_committed(self, record: "TrialRecord") -> None:
         self._print(describe_trial(record, self._planned))
 
     def _print(self, text: str) -> None:
         if not self._quiet:
-            self._output.write(text)
+            self._line.result(text)
 
     def _mount_sheet(self, sheet: str, rig: "Rig") -> None:
         """Wait until a person has laid the sheet on the rig; the doubles' sheet knows no order of fibers."""
