@@ -18,7 +18,7 @@ HELPED = {"help", "short_help", "epilog"}
 FORMATS = {"labctl evolve run", "labctl evolve checkpoint"}
 # Messages that name a command and need nothing of this one's.
 COMPLETE = {
-    ("labctl/cli/own_doubles.py", "doubles"),
+    ("labctl/session/own_doubles.py", "doubles"),
     ("labctl/cli/log_options.py", "run"),
     ("labctl/ledger/ledger.py", "run"),
     ("labctl/safety/zero.py", "tare"),

@@ -47,8 +47,8 @@ def doctor(rig_path: Path | None, as_json: bool) -> int:
 
     Nothing is energised; no setpoint or valve is written. Exit code 2 when an instrument does not answer.
     """
-    from labctl.cli.interrupts import stop_on_signals
     from labctl.cli.outcome import Outcome
+    from labctl.interrupts import stop_on_signals
 
     with (
         stop_on_signals("stopping; this command energises nothing") as stop,

@@ -182,13 +182,13 @@ def serve(
 
     Prints and writes a rig.toml that points at them, for labctl or for any other client.
     """
-    from labctl.cli.interrupts import stop_on_signals
     from labctl.config.load import load_design
     from labctl.doubles.faults import parse_faults
     from labctl.doubles.markers import MarkerSettings
     from labctl.doubles.parse_gap import parse_gap
     from labctl.doubles.serve import Doubles
     from labctl.doubles.settings import DoublesSettings
+    from labctl.interrupts import stop_on_signals
 
     settings = DoublesSettings(
         design=load_design(design_name),

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from labctl.cli.run.options import SessionOptions
-    from labctl.cli.run.session import FinishedRun
     from labctl.measurement.result import DoubtedPoint, LevelResult
+    from labctl.session.measure import FinishedRun
     from labctl.session.prepare import PreparedRun
 
 
@@ -90,14 +90,16 @@ def _measure(
 ) -> "FinishedRun":
     """The finished run, in the ledger `kept_in` or, where that is None, in one that is removed by now."""
     # The instruments' side takes a second to import: bad input is refused before.
-    from labctl.cli.run.session import measure, open_session
-    from labctl.cli.temporary_ledger import temporary_ledger
+    from labctl.cli.run.session import conduct_session, open_session
     from labctl.session.engine import RunFailed
+    from labctl.session.temporary_ledger import temporary_ledger
 
     ledger = temporary_ledger() if kept_in is None else nullcontext(kept_in)
     try:
         with open_session(ledger, options) as session:
-            return measure(prepared, design_name, options, session, quiet=True, kept=kept_in is not None)
+            return conduct_session(
+                prepared, design_name, options, session, quiet=True, kept=kept_in is not None
+            )
     except RunFailed as failed:
         if kept_in is not None:
             raise

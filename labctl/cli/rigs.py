@@ -8,20 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from labctl.cli.outcome import Outcome
-from labctl.cli.own_doubles import doubles_process
 from labctl.config.rig import RigConfig
-from labctl.holder.records import Holder
-from labctl.holder.this_holder import this_holder
+from labctl.session.own_doubles import doubles_process
 from labctl.stop import StopRequest
 
 if TYPE_CHECKING:
     from labctl.config.design import Design
-    from labctl.rig import Rig
     from labctl.rig.presence import Presence
-
-_DOUBLES_FILE = "the doubles' own rig.toml"
-# Another command that only looks is soon done, and so is a guard.
-_HELD_S = 2.0
 
 
 @contextmanager
@@ -48,7 +41,7 @@ def configured_rig(
     rig_path: Path | None, design_name: str, stop: StopRequest, speed: float = 1.0
 ) -> Iterator[RigConfig]:
     """The configuration to work with; doubles, of this speed, are running while inside when no file was named."""
-    from labctl.config.load import load_rig
+    from labctl.config.load import DOUBLES_FILE, load_rig
 
     outcome = Outcome.current()
     if rig_path is not None:
@@ -61,7 +54,7 @@ def configured_rig(
         path = Path(folder) / "rig.toml"
         with doubles_process(path, design_name, stop, speed):
             # The file is gone when a message that names it is read.
-            yield replace(load_rig(path), source=_DOUBLES_FILE)
+            yield replace(load_rig(path), source=DOUBLES_FILE)
 
 
 @contextmanager
@@ -72,54 +65,24 @@ def held_rig(config: RigConfig, stop: StopRequest, notify: Callable[[str], None]
         RigHeld: somebody else holds the rig.
         BadInput: nothing can be held on this machine.
     """
-    from labctl.holder.addresses import addresses_of
-    from labctl.rig.presence import Presence
-    from labctl.safety.reach import Reach
+    from labctl.session.held import held
 
     outcome = Outcome.current()
-    platform, holder = outcome.platform, this_command(config)
-    presence = Presence(holder, config, stop, platform, notify)
-    addresses = addresses_of(config.regulator, config.valves)
-    holding = platform.holders.hold(holder, addresses, Reach.of(config).to_plain(), presence, _HELD_S)
-    outcome.presence = presence
-    try:
-        yield presence
-    finally:
-        outcome.presence = None
+    with held(config, stop, outcome.platform, notify) as presence:
+        outcome.presence = presence
         try:
-            presence.finish()
+            yield presence
         finally:
-            holding.release()
-
-
-def this_command(config: RigConfig) -> Holder:
-    """This process as the holder of a rig."""
-    source = config.source if config.source == _DOUBLES_FILE else str(Path(config.source).resolve())
-    return this_holder("command", config.name, source, simulated=config.simulated)
-
-
-@contextmanager
-def reporting(rig: "Rig") -> Iterator["Rig"]:
-    """The rig, and after it the state that was read back, for the last line that is printed."""
-    outcome = Outcome.current()
-    try:
-        with rig:
-            if outcome.presence is not None:
-                outcome.presence.opened(rig)
-            yield rig
-    finally:
-        outcome.report = rig.safe_report
-        if outcome.presence is not None:
-            outcome.presence.closed()
+            outcome.presence = None
 
 
 def rig_to_be(rig_path: Path | None, design: "Design") -> RigConfig:
     """The configuration that a command would work with; of doubles, which do not run, all but the addresses."""
-    from labctl.config.load import load_rig, rig_from_text
+    from labctl.config.load import DOUBLES_FILE, load_rig, rig_from_text
     from labctl.doubles.rig_file import rig_toml
     from labctl.doubles.settings import DoublesSettings
 
     if rig_path is not None:
         return load_rig(rig_path)
     text = rig_toml(DoublesSettings(design=design), "/dev/null", "/dev/zero", "127.0.0.1", 0)
-    return replace(rig_from_text(text, "rig.toml"), source=_DOUBLES_FILE)
+    return replace(rig_from_text(text, "rig.toml"), source=DOUBLES_FILE)

@@ -108,8 +108,8 @@ def runs(
     if lines:
         noted = any(line.run.note for line in lines)
         head = ("run", "begun", "protocol", "design", "patterns", "rig", "good", "e_t %", "state", "note")
-        rows = [_for_people(line) for line in lines]
-        table(head if noted else head[:-1], rows if noted else [row[:-1] for row in rows])
+        shown = [_for_people(line) for line in lines]
+        table(head if noted else head[:-1], shown if noted else [row[:-1] for row in shown])
     else:
         click.echo(f"{ledger_folder}: no runs yet" if wanted.takes_all else f"{ledger_folder}: no such run")
     for each in tared if wanted.takes_all else ():

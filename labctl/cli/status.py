@@ -30,8 +30,8 @@ def status(rig_path: Path | None, as_json: bool) -> None:
     held by you; doubles of this command's own where none is.
     """
     from labctl.cli.held import held_rigs
-    from labctl.cli.interrupts import stop_on_signals
     from labctl.holder.interfaces import RigHeld
+    from labctl.interrupts import stop_on_signals
 
     with (
         stop_on_signals("stopping; this command energises nothing") as stop,

@@ -33,7 +33,7 @@ def tare(ctx: click.Context, rig_path: Path | None, ledger_folder: Path, as_json
     pressure that is there. The tare is recorded in the ledger; that of doubles started for this command is not,
     unless --ledger names one.
     """
-    from labctl.cli.interrupts import stop_on_signals
+    from labctl.interrupts import stop_on_signals
     from labctl.ledger.writer import LedgerWriter
 
     named = ctx.get_parameter_source("ledger_folder") is not ParameterSource.DEFAULT

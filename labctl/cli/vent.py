@@ -30,9 +30,9 @@ def vent(rig_path: Path | None, as_json: bool) -> int:
     made safe; the rig is then UNSAFE and the exit code 1.
     """
     from labctl.cli.held import held_by_file, same_rig, vent_rigs
-    from labctl.cli.interrupts import stop_on_signals
     from labctl.cli.vented import print_vented
     from labctl.errors import LabError
+    from labctl.interrupts import stop_on_signals
 
     failed = 0
     with stop_on_signals() as stop, ProgressLine(quiet=True) as line:

@@ -33,9 +33,9 @@ def watch(rig_path: Path | None, as_json: bool) -> int:
     the rig was not SAFE at the end, as far as could be seen.
     """
     from labctl.cli.held import held_rigs, one_held_rig
-    from labctl.cli.interrupts import stop_on_signals
     from labctl.cli.main import leave_streams
     from labctl.cli.outcome import Outcome
+    from labctl.interrupts import stop_on_signals
 
     outcome = Outcome.current()
     held = one_held_rig(held_rigs(rig_path), rig_path, "name one with --rig")

@@ -14,6 +14,9 @@ from labctl.config.source import Document, parse_document, read_document
 from labctl.config.validate import suggestion, validate
 from labctl.errors import BadInput
 
+#: The source of a rig whose file lives no longer than the doubles that it points at.
+DOUBLES_FILE = "the doubles' own rig.toml"
+
 
 def load_rig(path: str | Path) -> RigConfig:
     """Load a rig.toml.

@@ -35,9 +35,10 @@ class RunFailed(LabError):
 class RunObserver:
     """The callbacks that report a run.
 
-    `trial_begun` gets each trial before its first attempt, `trial_committed` each attempt once it is in the ledger,
-    `show_step` the present step and its progress, `notify` one line of text for a person. `mount_sheet` returns when
-    the sheet that it is given lies on the rig; it waits by the rig's `wait`, which sees a stop.
+    `run_started` gets the run once it is in the ledger, `trial_begun` each trial before its first attempt,
+    `trial_committed` each attempt once it is in the ledger, `show_step` the present step and its progress, `notify`
+    one line of text for a person. `mount_sheet` returns when the sheet that it is given lies on the rig; it waits by
+    the rig's `wait`, which sees a stop.
     """
 
     trial_committed: Callable[[TrialRecord], None]
@@ -45,6 +46,7 @@ class RunObserver:
     notify: Callable[[str], None]
     mount_sheet: Callable[[str, Rig], None]
     trial_begun: Callable[[Trial], None] = lambda _: None
+    run_started: Callable[[RunRecord], None] = lambda _: None
 
 
 def conduct(

@@ -65,7 +65,7 @@ def bench(tmp_path, monkeypatch, capsys):
         def replay(config, *, stop, notify, platform, venting):
             return ReplayedRig(config, recorded, stop, looks_s, at_settle)
 
-        monkeypatch.setattr("labctl.cli.run.session.Rig", replay)
+        monkeypatch.setattr("labctl.session.measure.Rig", replay)
         code = labctl([*arguments, "--pattern", "sphere", "--rig", str(path)])
         shown = capsys.readouterr()
         assert "Traceback" not in shown.err

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import pytest
 
-from labctl.cli.interrupts import stop_on_signals
 from labctl.config.load import load_design, rig_from_text
 from labctl.doubles.rig_file import rig_toml
 from labctl.doubles.settings import DoublesSettings
 from labctl.errors import InstrumentError, LabError, Stopped
+from labctl.interrupts import stop_on_signals
 from labctl.ledger.ledger import Ledger
 from labctl.session.contract import Checklist
 from labctl.session.request import RunOptions, complete, plan

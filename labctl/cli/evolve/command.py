@@ -18,9 +18,9 @@ from labctl.cli.evolve.options import (
 )
 from labctl.cli.evolve.progress import Progress
 from labctl.cli.evolve.show import pick, print_runs, show, stopped_before_the_page
-from labctl.cli.interrupts import stop_on_signals
 from labctl.cli.options import design_option, json_option
 from labctl.errors import BadInput, Stopped
+from labctl.interrupts import stop_on_signals
 from labctl.next_command import next_command
 from labctl.stop import StopRequest
 

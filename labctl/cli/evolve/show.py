@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labctl.cli.interrupts import stop_on_signals
 from labctl.cli.non_empty_path import NonEmptyPath
 from labctl.cli.options import json_option
 from labctl.cli.output import emit_json, table
 from labctl.errors import BadInput, LabError, Stopped
+from labctl.interrupts import stop_on_signals
 from labctl.next_command import next_command
 
 if TYPE_CHECKING:

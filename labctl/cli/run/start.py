@@ -7,11 +7,12 @@ from pathlib import Path
 from labctl.cli.ledgers import print_notice
 from labctl.cli.rigs import rig_to_be
 from labctl.cli.run.options import SessionOptions
-from labctl.cli.run.session import FinishedRun, measure, open_session
+from labctl.cli.run.session import conduct_session, open_session
 from labctl.cli.run.text import print_result
 from labctl.errors import BadInput
 from labctl.ledger.ledger import Ledger
 from labctl.session.continuation import prepare_continuation
+from labctl.session.measure import FinishedRun
 from labctl.session.prepare import PreparedRun
 from labctl.session.request import plan
 
@@ -20,7 +21,7 @@ def start_run(prepared: PreparedRun, design_name: str, ledger_folder: Path, opti
     """Start a new run; what cannot be run is refused before a ledger is made or doubles are started."""
     plan(prepared.protocol, prepared.request, prepared.design, rig_to_be(options.rig_path, prepared.design))
     with open_session(nullcontext(ledger_folder), options) as session:
-        finished = measure(prepared, design_name, options, session, quiet=options.as_json, kept=True)
+        finished = conduct_session(prepared, design_name, options, session, quiet=options.as_json, kept=True)
         session.line.give_way()
         _print_result(finished, options)
 
@@ -40,7 +41,7 @@ def continue_run(name: str, ledger_folder: Path, options: SessionOptions) -> Non
         # The doubles' sheet is the one of the run, whatever became of the design's file.
         design = Path(folder) / "design.toml"
         design.write_text(prepared.design_text, encoding="utf-8")
-        finished = measure(prepared, str(design), options, session, quiet=options.as_json, kept=True)
+        finished = conduct_session(prepared, str(design), options, session, quiet=options.as_json, kept=True)
         session.line.give_way()
         _print_result(finished, options)
 

@@ -1,12 +1,9 @@
 """What `labctl run` prints: the run, each trial, the result."""
 
-import getpass
-import os
 import select
 import sys
 import termios
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -69,7 +66,13 @@ class RunReporter:
         """The callbacks that the engine reports to."""
         from labctl.session.engine import RunObserver
 
-        return RunObserver(self._trial_committed, self._line.show, self._line.notify, self._mount_sheet)
+        return RunObserver(
+            self._trial_committed,
+            self._line.show,
+            self._line.notify,
+            self._mount_sheet,
+            run_started=self.run_started,
+        )
 
     def finish(self) -> None:
         """Print what is queued, for a second at most."""
@@ -104,15 +107,6 @@ def describe_trial(record: "TrialRecord", planned: int) -> str:
         return f"{head}, attempt {record.attempt}: {record.outcome.upper()}: {record.reason}"
     errors = [f"{level.e_t_percent:.1f} %" for level in record.levels if level.e_t_percent is not None]
     return f"{head}: e_t {', '.join(errors) or 'not compared'}"
-
-
-def default_operator() -> str:
-    """LABCTL_OPERATOR of the environment, else the user's name; "" where the system has none."""
-    if named := os.environ.get("LABCTL_OPERATOR"):
-        return named
-    with suppress(OSError, KeyError):
-        return getpass.getuser()
-    return ""
 
 
 def print_result(
