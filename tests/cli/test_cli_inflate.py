@@ -258,7 +258,8 @@ def test_a_pressure_is_held_for_as_long_as_it_is_told(lab):
 
 
 def test_a_pressure_that_leaves_its_band_while_it_is_held_ends_it(lab_with):
-    lab = lab_with()
+    # The supervisor is told to wait: it would see it first.
+    lab = lab_with(change=lambda text: f'{text}still_after = "5 s"\n')
     sink = partial(lab.virtual.doubles.inject, parse_faults(["regulator=low-supply:3"]))
     lab.at("trial 1: hold", lambda: lab.after(20, sink))
     done = lab(*SPHERE, lab.rig, "--hold", "60 s")

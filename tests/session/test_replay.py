@@ -220,8 +220,12 @@ def test_a_person_reads_how_to_look_at_what_was_kept(bench, tmp_path, monkeypatc
     ended = bench.inflate(made(), "--keep", "--ledger", str(tmp_path / "kept"))
 
     lines = ended.out.splitlines()
-    assert lines[-2].startswith("SAFE, as read back")
-    assert lines[-1] == "look at it: labctl show 1, labctl report 1"
+    assert lines[-4].startswith("SAFE, as read back")
+    assert lines[-3:] == [
+        "look at it:",
+        f"  labctl show 1 --ledger {tmp_path / 'kept'}",
+        f"  labctl report 1 --ledger {tmp_path / 'kept'}",
+    ]
     with Ledger.open(tmp_path / "kept", print) as ledger:
         assert ledger.run(1).protocol == "inflate"
         assert ledger.run(1).operator == "Ada"
