@@ -2,10 +2,47 @@
 
 import json
 from collections.abc import Sequence
+from pathlib import Path
 
 from evolve.selection import Member
+from labctl.atomic_files import atomic_file
 from labctl.design_search.fiber_list import ListedFiber, PointMm, fiber_list
 from labctl.design_search.search_run import SearchRun
+from labctl.errors import BadInput
+
+# How a picked design begins: only such a file may be replaced by another.
+_HEAD = "Evolved for "
+
+
+def write_picked(path: Path, member: Member, run: SearchRun, basis: str) -> None:
+    """Write a member of a run's front as a design file; `basis` is what it was picked by.
+
+    Raises:
+        BadInput: a file is there that is no picked design, or it cannot be written.
+    """
+    _check_replaceable(path)
+    names = ", ".join(run.targets)
+    remarks = (
+        f"{_HEAD}{names}: {basis} of seed {run.settings.seed}, generation {run.checkpoint.state.generation + 1}, "
+        f"member {member.id}.",
+        f"Errors in simulation, e_s: {format_errors(member, run)}.",
+    )
+    name = "-".join([*run.targets, f"seed{run.settings.seed}", f"member{member.id}"])
+    text = design_toml(member, run, name, remarks)
+    with atomic_file(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
+
+
+def format_errors(member: Member, run: SearchRun) -> str:
+    """A member's errors, target by target: "cylinder 0.45 mm, sphere 0.54 mm"."""
+    errors = zip(run.targets, member.errors_m or (), strict=True)
+    return ", ".join(f"{name} {1e3 * error_m:.2f} mm" for name, error_m in errors)
+
+
+def _check_replaceable(path: Path) -> None:
+    """Refuse to write over a file that is no picked design: a run's own, a rig's, somebody's work."""
+    if path.is_file() and not path.read_bytes().startswith(f"# {_HEAD}".encode()):
+        raise BadInput(f"{path}: is there already and is no picked design: name another file")
 
 
 def design_toml(member: Member, run: SearchRun, name: str, remarks: Sequence[str]) -> str:

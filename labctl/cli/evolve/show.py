@@ -26,8 +26,6 @@ _PAGE = "index.html"
 _RULES: "tuple[Rule, ...]" = ("paper", "knee")
 # A table on a terminal; the page and --json have all of a front.
 _ROWS = 20
-# How a picked design begins: only such a file may be replaced by another.
-_HEAD = "Evolved for "
 
 
 @click.command()
@@ -74,9 +72,8 @@ def pick(
     as_json: bool,
 ) -> None:
     """Write a layout of a run's front as a design file, for labctl inflate --design."""
-    from labctl.atomic_files import atomic_file
     from labctl.design_search.errors import lab_errors
-    from labctl.design_search.picked_design import design_toml
+    from labctl.design_search.picked_design import format_errors, write_picked
     from labctl.design_search.search_run import load_runs
 
     with lab_errors():
@@ -91,16 +88,9 @@ def pick(
         of_run, chosen = _chosen(runs, rule, member)
     basis = "the smallest sum of errors" if rule == "paper" else "the knee of the front"
     basis = f"member {member}" if member is not None else basis
-    errors = _format_errors(of_run.settings, chosen)
-    remarks = [
-        f"{_HEAD}{', '.join(target.name for target in of_run.settings.problem.targets)}: {basis} of seed "
-        f"{of_run.settings.seed}, generation {of_run.checkpoint.state.generation + 1}, member {chosen.id}.",
-        f"Errors in simulation, e_s: {errors}.",
-    ]
+    errors = format_errors(chosen, of_run)
     path = out_path or run / f"{rule if member is None else f'member-{member}'}.toml"
-    _check_replaceable(path)
-    with atomic_file(path) as unfinished:
-        unfinished.write_text(design_toml(chosen, of_run, _name(of_run.settings, chosen), remarks))
+    write_picked(path, chosen, of_run, basis)
     if as_json:
         emit_json({"design": str(path), "seed": of_run.settings.seed, **_member(of_run.settings, chosen)})
         return
@@ -235,16 +225,6 @@ def _member(settings: "Settings", member: "Member") -> dict[str, Any]:
     return {"member": member.id, "age": member.age, "fibers": len(member.genome), "errors_mm": errors_mm}
 
 
-def _name(settings: "Settings", member: "Member") -> str:
-    names = [target.name for target in settings.problem.targets]
-    return "-".join([*names, f"seed{settings.seed}", f"member{member.id}"])
-
-
-def _format_errors(settings: "Settings", member: "Member") -> str:
-    names = [target.name for target in settings.problem.targets]
-    return ", ".join(f"{name} {mm} mm" for name, mm in zip(names, _millimetres(member), strict=True))
-
-
 def _millimetres(member: "Member") -> list[str]:
     return [f"{1e3 * error_m:.2f}" for error_m in member.errors_m or ()]
 
@@ -265,13 +245,6 @@ def _chosen(runs: "list[SearchRun]", rule: "Rule", member_id: int | None) -> "tu
         f"{run.folder}: member {member_id} is not on the front; use one of {known} ... "
         f"({next_command('evolve', 'show', run.folder)})"
     )
-
-
-def _check_replaceable(path: Path) -> None:
-    """Refuse to write over a file that is no picked design: a run's own, a rig's, somebody's work."""
-    begins = f"# {_HEAD}".encode()
-    if path.is_file() and not path.read_bytes().startswith(begins):
-        raise BadInput(f"{path}: is there already and is no picked design: name another file")
 
 
 def _rescored(runs: "list[SearchRun]") -> "list[tuple[Member, ...] | None]":
