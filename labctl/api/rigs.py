@@ -80,7 +80,7 @@ def configured(rig: RigLike) -> RigConfig:
 
 @contextmanager
 def signals() -> Iterator[OperatorStop]:
-    """Ctrl-C and its like as a request to stop, where this is the program's first thread: only that one hears them."""
+    """Ctrl-C and its like as a request to stop, where this is the program's first thread: no other hears them."""
     on_main = threading.current_thread() is threading.main_thread()
     with stop_on_signals(TO_SAFE) if on_main else nullcontext(OperatorStop()) as stop:
         yield stop

@@ -22,8 +22,8 @@ from sim.solver import SolverName
 class Simulation:
     """A simulated shape; `strain` is the linear strain of the expanding layer, None by the published protocol.
 
-    `top_rise_mm`: how far each column's highest voxel is above its place at rest, (columns, columns) as (i, j), i along
-    x and j along y; NaN where the sheet has no column.
+    `top_rise_mm`: how far each column's highest voxel is above its place at rest, (columns, columns) as (i, j), i
+    along x and j along y; NaN where the sheet has no column.
     """
 
     strain: float | None
@@ -31,7 +31,7 @@ class Simulation:
     _sheet: SimulatedSheet
 
     def heights(self, points_mm: Sequence[tuple[float, float]]) -> pd.DataFrame:
-        """Heights above the uninflated sheet at places (m, 2) of it, in mm, sheet frame: what markers there would show.
+        """Heights above the uninflated sheet at places (m, 2) of it, mm, sheet frame: what markers there would show.
 
         Raises:
             BadInput: a place is not on the sheet.

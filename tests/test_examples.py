@@ -1,0 +1,31 @@
+"""The programs of examples/, as a person runs them: each checks its own result."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_comes_to_its_own_end(path, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-P", path],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={**os.environ, "MPLBACKEND": "agg"},
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "guard" not in done.stderr
+    assert done.stdout
+
+
+def test_there_are_examples():
+    assert len(EXAMPLES) >= 4
