@@ -7,7 +7,7 @@ from labctl import api
 
 with TemporaryDirectory() as folder:
     ledger = Path(folder) / "ledger"
-    with api.doubles(speed=20) as rig:
+    with api.doubles(speed=10) as rig:
         for pattern in ("sphere", "cylinder"):
             api.inflate(pattern, rig=rig, ledger=ledger, note=f"a look at the {pattern}")
     runs = api.runs(ledger=ledger)

@@ -1,6 +1,6 @@
 """What pages of docs/ tell a person to type, typed: page by page, in an empty folder, in the order of the page.
 
-The pages that need nothing but the simulator and short searches; those of a rig are tried by the tests of its commands.
+The pages that need the simulator and short searches alone; those of a rig are tried by the tests of its commands.
 """
 
 import os

@@ -10,11 +10,13 @@ import pandas as pd
 
 from labctl.api.rigs import RigLike, configured, doubles, signals, to_standard_error
 from labctl.config.quantity import duration_s, pressure_psi
+from labctl.errors import LabError
 from labctl.ledger.writer import LedgerWriter
 from labctl.mocap.transfer_error import height_error
+from labctl.next_command import note_given, noting
 from labctl.rig.platform import SYSTEM
 from labctl.session.control_file import ControlFile
-from labctl.session.engine import RunObserver
+from labctl.session.engine import RunFailed, RunObserver
 from labctl.session.held import held
 from labctl.session.measure import FinishedRun, Measuring, measure
 from labctl.session.operator import default_operator
@@ -69,7 +71,7 @@ def inflate(
 
     Raises:
         BadInput: a pattern, design, pressure or rig that cannot be used; nothing was energised.
-        RunFailed: it could not be measured; the rig is SAFE, and the message says why.
+        LabError: it could not be measured; the rig is SAFE, and the message says why.
         Stopped: Ctrl-C; the rig is SAFE.
         Tripped: the supervisor vented the rig.
         Unsafe: SAFE could not be read back.
@@ -78,6 +80,11 @@ def inflate(
     options = RunOptions((pattern,), (pressure_psi(pressure),), attempts=1, hold_s=hold_s)
     prepared = prepare(INFLATE, options, str(design))
     with ExitStack() as opened:
+        opened.enter_context(noting())
+        if isinstance(rig, (str, Path)):
+            note_given("--rig", rig)
+        if ledger is not None:
+            note_given("--ledger", ledger)
         config = configured(rig if rig is not None else opened.enter_context(doubles(design)))
         planned = plan(prepared.protocol, prepared.request, prepared.design, config)
         stop = RunStop(opened.enter_context(signals()))
@@ -85,21 +92,24 @@ def inflate(
         writer = opened.enter_context(LedgerWriter.open(folder, notify))
         stop.watch(ControlFile(writer.folder, SYSTEM.scheduler))
         presence = opened.enter_context(held(config, stop, SYSTEM, notify))
-        finished = measure(
-            prepared,
-            planned,
-            Measuring(
-                config=config,
-                writer=writer,
-                stop=stop,
-                platform=SYSTEM,
-                presence=presence,
-                observer=RunObserver(lambda _: None, lambda _, __: None, notify, lambda _, __: None),
-                operator=default_operator(),
-                note=note,
-                kept=ledger is not None,
-            ),
+        by = Measuring(
+            config=config,
+            writer=writer,
+            stop=stop,
+            platform=SYSTEM,
+            presence=presence,
+            observer=RunObserver(lambda _: None, lambda _, __: None, notify, lambda _, __: None),
+            operator=default_operator(),
+            note=note,
+            kept=ledger is not None,
         )
+        try:
+            finished = measure(prepared, planned, by)
+        except RunFailed as failed:
+            if by.kept:
+                raise
+            # A run that was removed cannot be continued.
+            raise LabError(failed.reason) from failed.__cause__
     return _inflation(finished, kept=ledger is not None)
 
 
