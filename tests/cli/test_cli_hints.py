@@ -54,6 +54,7 @@ def test_what_a_good_run_points_at_opens_that_very_run(lab, told, place):
     assert (place / "report-0001.html").exists()
 
 
+@pytest.mark.long
 def test_an_inflation_that_is_kept_points_at_its_ledger_too(lab, told, place):
     done = lab("inflate", "--pattern", "sphere", "--keep", "--rig", lab.rig, "--ledger", "mein Labor")
     assert done.code == 0, done.err
@@ -78,11 +79,13 @@ def test_a_run_that_was_stopped_says_how_it_continues_and_does(lab, told, place)
     assert ended.code == 0, (text, ended.err)
 
 
+@pytest.mark.long
 def test_an_inflation_that_nobody_keeps_is_not_to_be_continued(lab, told, place):
     lab.at("trial 1: ramp", lab.press_ctrl_c)
     assert "--continue" not in lab("inflate", "--pattern", "sphere", "--rig", lab.rig).err
 
 
+@pytest.mark.long
 def test_a_run_that_failed_says_how_it_continues_and_does(lab_with, told, place):
     lab = lab_with("regulator=low-supply:2")
     failed = lab(*FIVE, "--attempts", "1", "--rig", lab.rig, "--ledger", "mein Labor")
@@ -101,6 +104,7 @@ def test_a_gauge_that_is_off_is_tared_by_the_command_that_is_named(lab_with, tol
     assert lab("inflate", "--pattern", "sphere", "--rig", lab.rig).code == 0
 
 
+@pytest.mark.long
 def test_a_paused_run_is_resumed_by_the_command_that_is_named(lab, told, place):
     ledger = ("--ledger", "mein Labor")
     lab.at("trial 1: jam", lambda: lab.second("pause", *ledger))
@@ -114,6 +118,7 @@ def test_a_paused_run_is_resumed_by_the_command_that_is_named(lab, told, place):
     assert done.code == 0, done.err
 
 
+@pytest.mark.long
 def test_doctor_names_the_vent_of_this_rig(lab, told, place):
     lab.leave_energised()
     doctor = lab("doctor", "--rig", lab.rig)
