@@ -136,8 +136,9 @@ class ModbusResync:
             try:
                 reply = self._replies.next(request, sent, probe.reply_bytes, deadline)
             except GarbledReply:
+                # It may be an older one that is spoilt, and the probe's own still on its way.
                 self._late_seen = True
-                del self._awaited_since_s[probe.shape]
+                self._awaited_since_s[probe.shape] = self._clock.now_s()
                 raise
             echoed = echoed or reply.echoed
             if self._replies.answers(request, reply, probe.reply_bytes):

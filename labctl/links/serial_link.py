@@ -46,6 +46,7 @@ class SerialLink:
         self._lines = IncomingLines(port, clock, max_line_bytes)
         # A device may still be answering whoever had the port before.
         self._suspect = True
+        self._last_request = b""
         self._resync = LineResync(
             port.name, clock, Wire(self._lines.write, self._lines.next, self._lines.discard)
         )
@@ -66,8 +67,9 @@ class SerialLink:
         return self._resync.ended_stream
 
     def mark_suspect(self) -> None:
-        """Report to the link that what it delivered was not the reply."""
+        """Report to the link that what it delivered was not the reply, which may come yet."""
         self._suspect = True
+        self._resync.unanswered(self._last_request)
 
     def resync_by(self, probes: Sequence[Probe]) -> None:
         """Set the questions that resynchronise, the quickest first."""
@@ -150,10 +152,11 @@ class SerialLink:
         with self._locked(request, deadline):
             if self._lines.pending() or self._suspect:
                 self._resynchronise(request, deadline)
-            self._suspect = True
+            self._suspect, self._last_request = True, request
             try:
                 yield
-            except NoAnswer:
+            except (NoAnswer, GarbledReply):
+                # What came instead may be an old answer, and the one to this request still on its way.
                 self._resync.unanswered(request)
                 raise
             self._suspect = False

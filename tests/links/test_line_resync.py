@@ -140,6 +140,23 @@ def test_a_command_that_must_act_does_not_end_the_search(time):
     assert poll(link, device, within_s=1.0) == device.polls
 
 
+@pytest.mark.parametrize("first", [b"A D05 x\r", b"A 7\r"])
+def test_a_question_whose_answer_was_not_understood_proves_nothing_when_asked_again(time, first):
+    """What came may be an old answer, and the one to this question still on its way: it would pass for the next."""
+    device = InOrder(time)
+    link = linked(device)
+    device.due.append((time.now_s() + 0.01, first))
+    device.delays_s.append(0.3)
+    try:
+        link.exchange_line(b"AVE\r", Deadline(time, 0.2))
+    except GarbledReply:
+        pass
+    else:
+        link.mark_suspect()
+    assert poll(link, device, within_s=1.0) == device.polls
+    assert device.heard == [b"AVE\r", b"A??M*\r", POLL]
+
+
 def test_an_old_answer_to_a_question_is_not_handed_out(time):
     device = InOrder(time)
     link = linked(device)

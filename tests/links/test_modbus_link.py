@@ -180,6 +180,27 @@ def test_a_late_rtu_reply_is_never_taken_for_the_reply_to_a_new_request(serial_p
     assert link.read_coils(0, 8, 1, within(1)) == (False,) * 8
 
 
+def test_a_spoilt_frame_before_a_probes_reply_does_not_make_it_ask_again(serial_peer, wires, serial_link):
+    """The spoilt one may be older: asked again, the first probe's reply would be taken for the second's."""
+    spoilt = bytearray(rtu("01 01 01 FF"))
+    spoilt[-1] ^= 1
+    peer = serial_peer(
+        wires.expect(READ_8),
+        wires.expect(rtu("01 03 80 00 00 01")),
+        wires.say(bytes(spoilt)),
+        wires.say(rtu("01 03 02 00 C8"), after_s=0.3),
+        wires.expect(READ_8),
+        wires.say(rtu("01 01 01 00")),
+    )
+    link = serial_link(peer)
+    link.resync_by_holding_registers(0x8000, 1, 1)
+    with pytest.raises(NoAnswer):
+        link.read_coils(0, 8, 1, within(0.1))
+    with pytest.raises(GarbledReply):
+        link.read_coils(0, 8, 1, within(1))
+    assert link.read_coils(0, 8, 1, within(1)) == (False,) * 8
+
+
 def test_what_follows_the_reply_to_a_probe_of_coils_is_not_the_next_reply(serial_peer, wires, serial_link):
     """Where the registers are unanswered, the probe's reply is like the others: it has to be the last that comes."""
     probed = rtu("01 01 01 00")
