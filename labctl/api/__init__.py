@@ -4,6 +4,11 @@ What stands here stays as it is from version to version; everything else in the 
 are those of `labctl.errors`, all of them `LabError`. docs/how-to/use-from-python.md walks through it.
 """
 
+from labctl.shadowed import shadowed
+
+if (_why := shadowed()) is not None:
+    raise ImportError(_why)
+
 from labctl.api.measuring import Inflation, inflate
 from labctl.api.rigs import doubles, open_rig
 from labctl.api.runs import Run, run, runs

@@ -18,6 +18,7 @@ from labctl.cli.outcome import Outcome
 from labctl.cli.output import SIMULATED
 from labctl.errors import LabError
 from labctl.next_command import noting
+from labctl.shadowed import shadowed
 
 if TYPE_CHECKING:
     from labctl.rig.platform import Platform
@@ -141,6 +142,8 @@ def _run(arguments: Sequence[str], platform: "Platform | None") -> int:
         leave_streams()
         return fail(1, f"the output could not be written ({error.strerror or error})")
     except Exception as error:
+        if (why := shadowed()) is not None:
+            return fail(2, why)
         traceback.print_exc()
         return fail(1, f"labctl itself failed ({error!r}); please report it with the lines above")
 

@@ -6,7 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from labctl.cli.outcome import Outcome
 from labctl.cli.output import ProgressLine
+from labctl.cli.run.session import what_a_stop_does
 from labctl.cli.run.text import RunReporter
 from labctl.errors import BadInput, Stopped
 
@@ -85,3 +87,16 @@ def test_without_a_terminal_another_sheet_is_refused_beforehand(monkeypatch):
         monkeypatch.setattr("sys.stdin", nobody)
         with pytest.raises(BadInput, match="at a terminal"):
             teller()
+
+
+@pytest.mark.parametrize(
+    ("presence", "words"),
+    [
+        (None, "nothing was energised"),
+        (SimpleNamespace(may_be_open=False), "nothing was energised"),
+        (SimpleNamespace(may_be_open=True), "taking the rig to SAFE"),
+    ],
+)
+def test_a_stop_says_whether_there_is_anything_to_take_to_safe(presence, words):
+    say = what_a_stop_does(Outcome(presence=presence))
+    assert words in say()

@@ -38,7 +38,7 @@ def open_session(ledger: AbstractContextManager[Path], options: SessionOptions) 
     Signals are stops from before the folder is entered until it was left: what is temporary is removed then too.
     """
     with ExitStack() as opened:
-        stop = RunStop(opened.enter_context(stop_on_signals(_what_a_stop_does(Outcome.current()))))
+        stop = RunStop(opened.enter_context(stop_on_signals(what_a_stop_does(Outcome.current()))))
         line = opened.enter_context(ProgressLine(quiet=options.as_json))
         writer = opened.enter_context(LedgerWriter.open(opened.enter_context(ledger), line.notify))
         # Whoever sees the lock held may make a request, however long it takes until the rig is open.
@@ -89,7 +89,7 @@ def conduct_session(
             reporter.finish()
 
 
-def _what_a_stop_does(outcome: Outcome) -> Callable[[], str]:
+def what_a_stop_does(outcome: Outcome) -> Callable[[], str]:
     """What is said of a stop: before a port was opened there is nothing to take to SAFE."""
 
     def say() -> str:
