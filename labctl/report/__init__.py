@@ -1,1 +1,4 @@
 """Figures to look at."""
+
+# Nothing here is for programs of others: they have labctl.api.
+__all__: list[str] = []
