@@ -155,7 +155,7 @@ class Breaks:
         while True:
             tries_left -= 1
             try:
-                rig = _opened(virtual)
+                rig = self._opened(virtual)
                 try:
                     rig.jam({CHANNEL})
                     rig.start_control()
@@ -176,7 +176,7 @@ class Breaks:
         self.tally.safe_by_guard += _is_safe(virtual.plant)
         while True:
             try:
-                with _opened(virtual) as rig:
+                with self._opened(virtual) as rig:
                     opened_s = self._reads_right(virtual, rig, way)
                     if not _is_safe(virtual.plant, pressure=False):
                         self._wrong(f"{way}: opened again and not SAFE: {virtual.plant.state()}")
@@ -197,6 +197,9 @@ class Breaks:
         if abs(gauge_psi - state.pressure_psi) > _TOLERANCE_PSI or on != state.coils:
             self._wrong(f"{way}: reads {gauge_psi} psi and {sorted(on)}, the truth is {state}")
         return opened_s
+
+    def _opened(self, virtual):
+        return Rig(virtual.config, stop=OperatorStop(), notify=lambda _: None, platform=virtual.platform)
 
     def _wrong(self, what):
         self.tally.wrong.append(f"cycle {self.tally.cycles}, {what}")
@@ -233,10 +236,6 @@ class Deeds:
                 self.vented_s = self._clock.now_s()
 
         return acted
-
-
-def _opened(virtual):
-    return Rig(virtual.config, stop=OperatorStop(), notify=lambda _: None, platform=virtual.platform)
 
 
 def _is_safe(plant, pressure=True):

@@ -6,6 +6,7 @@ An adapter that is plugged in again is another terminal (another name under /dev
 
 import random
 import tempfile
+from contextlib import ExitStack
 from pathlib import Path
 
 from bowl import DESIGN, Bowl
@@ -19,6 +20,8 @@ from labctl.doubles.settings import DoublesSettings
 from labctl.doubles.simulated_rig import SimulatedRig
 from labctl.doubles.transports import listen, serve_pty, serve_tcp
 from labctl.rig.platform import SYSTEM
+from labctl.session.held import held
+from labctl.stop import OperatorStop
 
 _TICK_S = 0.005
 
@@ -53,6 +56,8 @@ class PluggedDoubles:
         self.guards = []
 
     def pull(self, instrument, way):
+        # The system takes the link away with the adapter: the terminal it named may be another's a moment later.
+        self._port(instrument).unlink(missing_ok=True)
         self._servers.pop(instrument).close()
 
     def put_back(self, instrument):
@@ -88,6 +93,23 @@ class RealBreaks(Breaks):
 
     ways = ("adapter",)
     longest_out_s = 4.0
+
+    def _opened(self, virtual):
+        """Held first, as commands and `labctl.api` do it: a guard that is venting has the ports until it is done."""
+        with ExitStack() as holding:
+            holding.enter_context(held(virtual.config, OperatorStop(), virtual.platform, lambda _: None))
+            rig = super()._opened(virtual)
+            let_go = holding.pop_all()
+        close = rig.close
+
+        def closed():
+            try:
+                return close()
+            finally:
+                let_go.close()
+
+        rig.close = closed
+        return rig
 
     def _one_rig(self, cycles):
         with tempfile.TemporaryDirectory(prefix="labctl-unplugged-") as folder:
