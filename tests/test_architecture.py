@@ -41,7 +41,7 @@ def rooms():
 
 def test_every_room_of_the_tree_is_on_the_map_and_no_other():
     packages, modules = rooms()
-    beside = {"tests", "fixtures", "bench", "docs"}
+    beside = {"tests", "fixtures", "bench", "docs", "examples"}
     assert set(mapped()) == packages | modules | DATA | beside
     assert all((ROOT / path).exists() for path in mapped())
 

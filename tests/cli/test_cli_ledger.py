@@ -69,10 +69,30 @@ def test_runs_has_a_line_for_each(folder, capsys):
     head, *lines = [line.split() for line in out.splitlines()]
     assert head[:3] == ["run", "begun", "protocol"]
     assert [" ".join(line) for line in lines] == [
-        "1 2026-03-01 09:00 five-trial known sphere SIMULATED 5 of 5 17.2 finished",
-        "2 2026-03-01 09:00 five-trial known cylinder SIMULATED 0 of 5 - interrupted",
-        "3 2026-03-01 09:00 relaxation known sphere bench 0 of 5 - failed",
+        "1 2026-03-01 09:00 five-trial known sphere SIMULATED 5 of 5 17.2 finished typed in another code page: \\udcfc",
+        "2 2026-03-01 09:00 five-trial known cylinder SIMULATED 0 of 5 - interrupted typed in another code page: \\udcfc",
+        "3 2026-03-01 09:00 relaxation known sphere bench 0 of 5 - failed typed in another code page: \\udcfc",
     ]
+
+
+@pytest.mark.parametrize(
+    ("options", "numbers"),
+    [
+        (("--pattern", "sphere"), ["1", "3"]),
+        (("--protocol", "relaxation"), ["3"]),
+        (("--state", "interrupted"), ["2"]),
+        (("--note", "CODE page", "--pattern", "cylinder"), ["2"]),
+        (("--design", "known", "--state", "finished"), ["1"]),
+    ],
+)
+def test_runs_are_chosen_by_what_they_are(folder, capsys, options, numbers):
+    assert [line.split()[0] for line in said(capsys, "runs", *options).out.splitlines()[1:]] == numbers
+    listed = json.loads(said(capsys, "runs", *options, "--json").out)["runs"]
+    assert [str(run["number"]) for run in listed] == numbers
+
+
+def test_no_run_that_fits_is_said(folder, capsys):
+    assert "no such run" in said(capsys, "runs", "--note", "nowhere").out
 
 
 def test_runs_for_machines(folder, capsys):
@@ -126,7 +146,8 @@ def test_show_tells_how_a_run_was_made_and_what_came_of_it(folder, capsys):
     (group,) = [line for line in lines if line[:4] == ["neat", "sphere", "3.9", "5"]]
     assert group[4:6] == ["17.20", "0.57"]
     assert float(group[6]) < 17.2 < float(group[7])
-    assert group[8:] == ["1.50", "0.00"]
+    # Nothing was simulated to be off from.
+    assert group[8:] == ["-", "1.50", "0.00"]
     assert "finished" in lines[-1]
     assert not any("trial-begun" in line for line in lines)
 

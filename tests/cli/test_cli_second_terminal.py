@@ -260,7 +260,7 @@ def test_a_rig_that_is_held_is_opened_by_nobody_else_who_hears_by_whom(lab):
     for second in seen:
         assert second.code == 2
         assert "simulated rig is held by process" in second.err
-        assert "labctl vent ends that" in second.err
+        assert f"labctl vent --rig {lab.rig} ends that" in second.err
 
 
 def test_watch_follows_until_the_rig_is_let_go(lab):
