@@ -68,10 +68,11 @@ def test_runs_has_a_line_for_each(folder, capsys):
 
     head, *lines = [line.split() for line in out.splitlines()]
     assert head[:3] == ["run", "begun", "protocol"]
+    note = "typed in another code page: \\udcfc"
     assert [" ".join(line) for line in lines] == [
-        "1 2026-03-01 09:00 five-trial known sphere SIMULATED 5 of 5 17.2 finished typed in another code page: \\udcfc",
-        "2 2026-03-01 09:00 five-trial known cylinder SIMULATED 0 of 5 - interrupted typed in another code page: \\udcfc",
-        "3 2026-03-01 09:00 relaxation known sphere bench 0 of 5 - failed typed in another code page: \\udcfc",
+        f"1 2026-03-01 09:00 five-trial known sphere SIMULATED 5 of 5 17.2 finished {note}",
+        f"2 2026-03-01 09:00 five-trial known cylinder SIMULATED 0 of 5 - interrupted {note}",
+        f"3 2026-03-01 09:00 relaxation known sphere bench 0 of 5 - failed {note}",
     ]
 
 
