@@ -59,7 +59,7 @@ _NUMAT_DIFFERENCES = Differences(
         }
     ),
     "This client is made for flow controllers: it reads a data frame of 5 columns or more, and raises on the 3 of a "
-    "pressure controller (hardware.md, section 7), so `get` and `is_locked` cannot work on one. Its `tare_pressure` "
+    "pressure controller (hardware.md, section 1a), so `get` and `is_locked` cannot work on one. Its `tare_pressure` "
     "is `$$PC`, the tare of an absolute pressure, and register 122 for a mass flow: a gauge controller has neither.",
 )
 _ALICATLIB_DIFFERENCES = Differences(
