@@ -37,7 +37,7 @@ def test_a_process_that_has_stopped_is_ended_and_the_rig_vented(start, labctl_pr
     if step == "trial 1: wait":
         held = labctl_process("status", "--rig", served.rig)
         assert held.code == 1
-        assert "which does not answer: it is busy, stopped or hangs. labctl vent ends it" in held.err
+        assert "which does not answer: it is busy, stopped or hangs. labctl vent --rig" in held.err
 
     done = labctl_process("abort", "--rig", served.rig, "--json")
 
