@@ -16,7 +16,7 @@ test: $(INSTALLED)  ## every check and every test
 	$(BIN)/pytest -n 2 --dist loadfile -m "not real_time and not long"
 	$(BIN)/pytest -m "real_time and not long"
 
-test-long: $(INSTALLED) kernels  ## further cases of what `make test` shows once: about 4 minutes
+test-long: $(INSTALLED) kernels  ## further cases of what `make test` shows once: about 6 minutes
 	$(BIN)/pytest -n 2 --dist loadfile -m "long and not real_time"
 	$(BIN)/pytest -m "long and real_time"
 
@@ -30,7 +30,7 @@ check: $(INSTALLED)  ## style, types, who may import whom
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-bench-sim: $(INSTALLED)  ## the simulator's speed against its scalar oracle, about 4 minutes
+bench-sim: $(INSTALLED)  ## the simulator's speed against its scalar oracle, about 6 minutes
 	PYTHONPATH=tests $(BIN)/python bench/sim_speed.py
 
 bench-evolve: $(INSTALLED)  ## the search against others, its operators and its speed: about an hour on 2 free cores
