@@ -8,8 +8,8 @@ import pandas as pd
 from labctl.ledger.ledger import Ledger
 from labctl.ledger.records import RunRecord, TrialRecord
 from labctl.ledger.state import RunState
-from labctl.statistics.summary import good_trials, summarise
-from labctl.statistics.tables import points_table, trials_table
+from labctl.statistics.summary import summarise
+from labctl.statistics.tables import points_table, trials_table, with_counts
 
 _FOLDER = "ledger"
 
@@ -32,11 +32,11 @@ class Run:
 
     def trials(self) -> pd.DataFrame:
         """A row an attempt and pressure level: outcome, pressures in psi, e_t in percent, ..."""
-        return self._counted(trials_table(self._record, self._trials))
+        return with_counts(trials_table(self._record, self._trials), self._trials)
 
     def points(self) -> pd.DataFrame:
         """A row an attempt, level and measuring point: place, measured and simulated height in mm, ..."""
-        return self._counted(points_table(self._record, self._trials))
+        return with_counts(points_table(self._record, self._trials), self._trials)
 
     def groups(self) -> pd.DataFrame:
         """A row a placement, pattern and pressure: how many trials count, e_t and mean height error over them."""
@@ -54,11 +54,6 @@ class Run:
             for group in summarise(self._record, self._trials).groups
         ]
         return pd.DataFrame(rows)
-
-    def _counted(self, table: pd.DataFrame) -> pd.DataFrame:
-        good = {(trial.number, trial.attempt) for trial in good_trials(self._trials)}
-        pairs = zip(table["trial"], table["attempt"], strict=True)
-        return table.assign(counts=[pair in good for pair in pairs])
 
 
 def run(name: int | str = "last", *, ledger: str | Path = _FOLDER) -> Run:

@@ -10,7 +10,7 @@ from labctl.instruments.readings import PressureSamples
 from labctl.ledger.records import RunRecord, TrialRecord
 from labctl.next_command import next_command
 from labctl.statistics.summary import good_trials
-from labctl.statistics.tables import calibration_table, points_table, trials_table
+from labctl.statistics.tables import calibration_table, points_table, trials_table, with_counts
 
 CALIBRATION = "calibration"
 
@@ -68,8 +68,8 @@ def run_tables(
     """
     trials = [_in_utf8(trial) for trial in trials]
     tables = {
-        "trials": _with_times(_with_counts(trials_table(run, trials), trials), trials),
-        "points": _with_counts(points_table(run, trials), trials),
+        "trials": _with_times(with_counts(trials_table(run, trials), trials), trials),
+        "points": with_counts(points_table(run, trials), trials),
         "pressures": _pressures(run, trials, read),
     }
     relaxation = _relaxation(run, trials)
@@ -83,13 +83,6 @@ def run_tables(
 def meaning(column: str) -> str:
     """A column's unit and meaning."""
     return _HEIGHT_MEANING if column.startswith(_HEIGHT_COLUMN) else COLUMNS[column]
-
-
-def _with_counts(table: pd.DataFrame, trials: Sequence[TrialRecord]) -> pd.DataFrame:
-    good = {(trial.number, trial.attempt) for trial in good_trials(trials)}
-    counts = [pair in good for pair in zip(table["trial"], table["attempt"], strict=True)]
-    table.insert(list(table.columns).index("outcome") + 1, "counts", counts)
-    return table
 
 
 def _with_times(table: pd.DataFrame, trials: Sequence[TrialRecord]) -> pd.DataFrame:

@@ -8,7 +8,7 @@ import pandas as pd
 from labctl.errors import BadInput
 from labctl.ledger.records import RunRecord, TrialRecord
 from labctl.measurement.result import LevelResult
-from labctl.statistics.summary import Group, RunSummary, summarise, tau_of
+from labctl.statistics.summary import Group, RunSummary, good_trials, summarise, tau_of
 
 # A cell of the published table that was not measured.
 NOTHING = "—"
@@ -129,6 +129,14 @@ def calibration_table(run: RunRecord, trials: Sequence[TrialRecord]) -> pd.DataF
     )
     for group in sorted(groups, key=lambda group: group.pressure_psi):
         table[f"z_mm_at_{group.pressure_psi:g}_psi"] = pd.array(group.heights_mean_mm, dtype="Float64")
+    return table
+
+
+def with_counts(table: pd.DataFrame, trials: Sequence[TrialRecord]) -> pd.DataFrame:
+    """A table of attempts with `counts` behind `outcome`: whether the run's numbers come from that attempt."""
+    good = {(trial.number, trial.attempt) for trial in good_trials(trials)}
+    counts = [pair in good for pair in zip(table["trial"], table["attempt"], strict=True)]
+    table.insert(list(table.columns).index("outcome") + 1, "counts", counts)
     return table
 
 
